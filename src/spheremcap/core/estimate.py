@@ -1,0 +1,100 @@
+"""What the chain says of one marker on one frame."""
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from spheremcap.core.circle import Circle
+from spheremcap.core.frame import Window
+from spheremcap.core.view import StageView
+from spheremcap.core.vote import Verdict, Vote
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Status(Enum):
+    """SEEDED: a person gave it. VERIFIED: measured and accepted. ESTIMATED: the Kalman filter stands in.
+    LOST: not seen for too long. OUT_OF_VIEW: predicted outside the picture. The last two have no pose."""
+
+    SEEDED = "SEEDED"
+    VERIFIED = "VERIFIED"
+    ESTIMATED = "ESTIMATED"
+    LOST = "LOST"
+    OUT_OF_VIEW = "OUT_OF_VIEW"
+
+    @property
+    def measured(self) -> bool:
+        """Whether the circle and pose rest on this frame's picture (SEEDED or VERIFIED)."""
+        return self in (Status.SEEDED, Status.VERIFIED)
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerEstimate:
+    """One marker on one frame. None means: there is no such value, and none was made up.
+
+    `circle` (pixels; a perfect sphere's outline is an ellipse, this is its equal-area circle) is the measured one
+    when `status.measured`, the Kalman filter's projected one when ESTIMATED, None otherwise. `claim` is what the
+    detectors proposed, whatever became of it. `xyz_cam_m` (3,), `covariance_m2` (3, 3) and `velocity_cam_mps` (3,)
+    are in the camera's optical frame: measured position and covariance when measured, the filter's when ESTIMATED.
+    `circle_sd_px` is the standard deviation of (x, y, r) in pixels. `votes` holds all six whenever a template could
+    be searched for, `vote_sum` their sum of overlaps in [0, 6]. `proposer` names the stage whose circle became the
+    claim (hough, colour, kcf, prediction, acquire, seed). `visible` is the fraction of the outline with an edge.
+    """
+
+    marker: str
+    frame_index: int
+    stamp_ns: int
+    status: Status
+    circle: Circle | None = None
+    circle_sd_px: tuple[float, float, float] | None = None
+    claim: Circle | None = None
+    proposer: str = ""
+    proposals: tuple[tuple[str, Circle], ...] = ()
+    search: Window | None = None
+    votes: tuple[Vote, ...] = ()
+    vote_sum: float | None = None
+    verdict: Verdict | None = None
+    visible: float | None = None
+    xyz_cam_m: FloatArray | None = field(default=None)
+    covariance_m2: FloatArray | None = field(default=None)
+    velocity_cam_mps: FloatArray | None = field(default=None)
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothedPose:
+    """A marker's pose after the fixed-lag RTS smoother: position, covariance and velocity in the optical frame."""
+
+    marker: str
+    frame_index: int
+    stamp_ns: int
+    xyz_cam_m: FloatArray
+    covariance_m2: FloatArray
+    velocity_cam_mps: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorRequest:
+    """A person is asked where `marker` is on its first unverified frame; `reason` says why in one line."""
+
+    marker: str
+    frame_index: int
+    stamp_ns: int
+    raised_at_frame_index: int
+    raised_stamp_ns: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class FrameResult:
+    """All that the session says of one frame. `smoothed` holds the poses of this very frame, whose estimates were
+    held back until the smoother's lag had passed; `requests` are those raised on this frame; `views` the stages'
+    pictures where they were asked for."""
+
+    frame_index: int
+    stamp_ns: int
+    estimates: tuple[MarkerEstimate, ...]
+    smoothed: tuple[SmoothedPose, ...] = ()
+    requests: tuple[OperatorRequest, ...] = ()
+    views: tuple[StageView, ...] = ()

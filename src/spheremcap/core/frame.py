@@ -1,0 +1,185 @@
+"""A frame gives patches, not pictures: planes stay as decoded until a window of them is asked for."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from spheremcap.core.circle import Circle
+
+BgrImage = npt.NDArray[np.uint8]
+"""(height, width, 3), blue-green-red, 0..255, gamma-encoded as in the video."""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A rectangle of whole pixels: columns x..x+width-1, rows y..y+height-1. It may reach out of the picture."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    @classmethod
+    def around(cls, circle: Circle, half_px: float) -> "Window":
+        """The smallest window that holds the square of half side `half_px` around the circle's centre."""
+        x0, y0 = int(np.floor(circle.x_px - half_px)), int(np.floor(circle.y_px - half_px))
+        x1, y1 = int(np.ceil(circle.x_px + half_px)), int(np.ceil(circle.y_px + half_px))
+        return cls(x0, y0, x1 - x0 + 1, y1 - y0 + 1)
+
+    def clipped(self, width_px: int, height_px: int) -> "Window":
+        """The part inside a picture of this size; width or height 0 when nothing is inside."""
+        x0, y0 = min(max(self.x, 0), width_px), min(max(self.y, 0), height_px)
+        x1 = min(max(self.x + self.width, x0), width_px)
+        y1 = min(max(self.y + self.height, y0), height_px)
+        return Window(x0, y0, x1 - x0, y1 - y0)
+
+    def holds(self, x_px: float, y_px: float) -> bool:
+        """Whether the point lies on a pixel of the window."""
+        return -0.5 <= x_px - self.x < self.width - 0.5 and -0.5 <= y_px - self.y < self.height - 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class EncodedPicture:
+    """One picture as a viewer gets it: `format` is h264 or h265 (one Annex B access unit) or jpeg."""
+
+    data: bytes
+    format: str
+    key: bool
+
+
+class Frame:
+    """One picture of the source: when it was taken, how large it is, and any window of it as BGR.
+
+    `index` counts pictures in presentation order from 0; `stamp_ns` is int nanoseconds on the recording's time
+    line. Subclasses give `patch`; nothing else is asked of a source. `encoded` is the picture's own packet when the
+    source can hand it on without encoding again.
+    """
+
+    encoded: EncodedPicture | None = None
+
+    def __init__(self, index: int, stamp_ns: int, width_px: int, height_px: int) -> None:
+        self.index = index
+        self.stamp_ns = stamp_ns
+        self.width_px = width_px
+        self.height_px = height_px
+
+    def patch(self, window: Window) -> BgrImage:
+        """The window as (window.height, window.width, 3) BGR; outside the picture the border pixel repeats."""
+        raise NotImplementedError
+
+    def reduced(self, step: int) -> BgrImage:
+        """The whole picture at 1/`step` size, sampled every `step`-th pixel from (step//2, step//2)."""
+        return np.ascontiguousarray(self.full[step // 2 :: step, step // 2 :: step])
+
+    @cached_property
+    def full(self) -> BgrImage:
+        """The whole picture as (height_px, width_px, 3) BGR: costs a full conversion, so ask for a patch first."""
+        return self.patch(Window(0, 0, self.width_px, self.height_px))
+
+
+class BgrFrame(Frame):
+    """A frame that is already a BGR picture, from wherever the caller has it."""
+
+    def __init__(self, index: int, stamp_ns: int, image: BgrImage) -> None:
+        if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+            raise ValueError(f"a BgrFrame takes (height, width, 3) uint8, not {image.shape} {image.dtype}")
+        super().__init__(index, stamp_ns, image.shape[1], image.shape[0])
+        self.image = image
+
+    def patch(self, window: Window) -> BgrImage:
+        return crop(self.image, window)
+
+    @cached_property
+    def full(self) -> BgrImage:
+        return self.image
+
+
+def crop(plane: npt.NDArray[np.uint8], window: Window) -> npt.NDArray[np.uint8]:
+    """Cut `window` out of a picture or plane; where it reaches outside, the border pixel repeats."""
+    height, width = plane.shape[:2]
+    inside = window.clipped(width, height)
+    if (inside.width, inside.height) == (window.width, window.height):
+        return np.ascontiguousarray(plane[inside.y : inside.y + inside.height, inside.x : inside.x + inside.width])
+    rows = np.clip(np.arange(window.y, window.y + window.height), 0, height - 1)
+    columns = np.clip(np.arange(window.x, window.x + window.width), 0, width - 1)
+    return np.ascontiguousarray(plane[rows[:, None], columns])
+
+
+_KR_KB = {"bt601": (0.299, 0.114), "bt709": (0.2126, 0.0722), "bt2020": (0.2627, 0.0593)}
+
+
+def yuv_to_bgr_matrix(matrix: str, full_range: bool) -> npt.NDArray[np.float64]:
+    """The (3, 4) affine map from 8-bit (Y, U, V) to 8-bit (B, G, R), by ITU-R BT.601, BT.709 or BT.2020.
+
+    Limited range has luma 16..235 and chroma 16..240; full range uses 0..255 for both.
+    """
+    kr, kb = _KR_KB[matrix]
+    kg = 1.0 - kr - kb
+    luma, chroma, black = (1.0, 1.0, 0.0) if full_range else (255 / 219, 255 / 224, 16.0)
+    cr = 2 * (1 - kr) * chroma
+    cb = 2 * (1 - kb) * chroma
+    rows = np.array(
+        [[luma, cb, 0.0], [luma, -cb * kb / kg, -cr * kr / kg], [luma, 0.0, cr]],
+    )
+    offset = -rows @ np.array([black, 128.0, 128.0])
+    return np.concatenate([rows, offset[:, None]], axis=1)
+
+
+class YuvFrame(Frame):
+    """A decoded video frame kept in its planes; only the windows asked for are turned into BGR.
+
+    `y` is (height_px, width_px) uint8. `uv` is (rows, columns, 2) uint8 or two planes `(u, v)`; its sample (i, j)
+    lies at luma column `uv_origin_px[0] + j * uv_step_px[0]`, and rows alike. A rotated picture is passed as
+    rotated views (numpy.rot90), with the origin of the rotated chroma grid. `to_bgr` is from yuv_to_bgr_matrix.
+    """
+
+    def __init__(
+        self,
+        index: int,
+        stamp_ns: int,
+        y: npt.NDArray[np.uint8],
+        uv: tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]],
+        uv_step_px: tuple[int, int],
+        uv_origin_px: tuple[float, float],
+        to_bgr: npt.NDArray[np.float64],
+    ) -> None:
+        super().__init__(index, stamp_ns, y.shape[1], y.shape[0])
+        self.y = y
+        self.uv = uv
+        self.uv_step_px = uv_step_px
+        self.uv_origin_px = uv_origin_px
+        self.to_bgr = to_bgr
+
+    def patch(self, window: Window) -> BgrImage:
+        (sx, sy), (ox, oy) = self.uv_step_px, self.uv_origin_px
+        # Chroma samples that surround the window, one more on each side for the interpolation.
+        j0, i0 = int(np.floor((window.x - ox) / sx)), int(np.floor((window.y - oy) / sy))
+        j1 = int(np.ceil((window.x + window.width - 1 - ox) / sx))
+        i1 = int(np.ceil((window.y + window.height - 1 - oy) / sy))
+        around = Window(j0, i0, j1 - j0 + 1, i1 - i0 + 1)
+        chroma = [crop(plane, around) for plane in self.uv]
+        if (sx, sy) != (1, 1) or (ox, oy) != (0.0, 0.0):
+            # Output pixel (x, y) of the window lies at chroma coordinate (window.x + x - ox) / sx - j0.
+            sample = np.array(
+                [[1 / sx, 0, (window.x - ox) / sx - j0], [0, 1 / sy, (window.y - oy) / sy - i0]], np.float64
+            )
+            flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+            size = (window.width, window.height)
+            chroma = [cv2.warpAffine(c, sample, size, flags=flags, borderMode=cv2.BORDER_REPLICATE) for c in chroma]  # type: ignore[misc]
+        yuv = cv2.merge([crop(self.y, window), *chroma])
+        return cv2.transform(yuv, self.to_bgr)  # type: ignore[return-value]
+
+    def reduced(self, step: int) -> BgrImage:
+        start = step // 2
+        y = self.y[start::step, start::step]
+        columns = np.arange(start, self.width_px, step)
+        rows = np.arange(start, self.height_px, step)
+        (sx, sy), (ox, oy) = self.uv_step_px, self.uv_origin_px
+        j = np.clip(np.rint((columns - ox) / sx).astype(int), 0, self.uv[0].shape[1] - 1)
+        i = np.clip(np.rint((rows - oy) / sy).astype(int), 0, self.uv[0].shape[0] - 1)
+        chroma = [plane[i[:, None], j] for plane in self.uv]
+        yuv = cv2.merge([np.ascontiguousarray(y), *chroma])
+        return cv2.transform(yuv, self.to_bgr)  # type: ignore[return-value]
