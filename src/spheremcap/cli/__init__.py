@@ -1,0 +1,56 @@
+"""The command line: one file a verb; each parses, calls the api and prints."""
+
+import sys
+
+import cv2
+import typer
+
+from spheremcap import __version__
+from spheremcap.cli import config, export, info, synth, track
+from spheremcap.errors import SpheremcapError, UsageError
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    help="Track coloured sphere markers in video into an annotated MCAP that opens in Foxglove.\n\n"
+    "Start with: [bold]spheremcap track session.mp4 -o session.mcap --seed left_wrist@0=812,430,24[/bold] "
+    "(marker, frame, centre x, y and radius in pixels of that frame).",
+    epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but something was lost.",
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"spheremcap {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+) -> None:
+    pass
+
+
+app.command("track")(track.track)
+app.command("info")(info.info)
+app.command("export")(export.export)
+app.command("synth")(synth.synth)
+app.add_typer(config.app, name="config")
+
+
+def main() -> None:
+    """Run the command line; every error on purpose is one line on stderr and an exit code."""
+    cv2.setNumThreads(1)  # patches are small: threads only get in each other's way
+    try:
+        app()
+    except UsageError as error:
+        print(f"spheremcap: {error}", file=sys.stderr)
+        sys.exit(2)
+    except SpheremcapError as error:
+        print(f"spheremcap: {error}", file=sys.stderr)
+        sys.exit(1)
+    except BrokenPipeError:
+        sys.exit(1)

@@ -108,6 +108,42 @@ def crop(plane: npt.NDArray[np.uint8], window: Window) -> npt.NDArray[np.uint8]:
     return np.ascontiguousarray(plane[rows[:, None], columns])
 
 
+class Patch:
+    """A window of a frame with the colour spaces the stages need, each made once when first asked for."""
+
+    def __init__(self, frame: Frame, window: Window) -> None:
+        self.window = window
+        self.bgr = frame.patch(window)
+        inside = window.clipped(frame.width_px, frame.height_px)
+        self.picture = (
+            inside.x - window.x, inside.y - window.y,
+            inside.x - window.x + inside.width, inside.y - window.y + inside.height,
+        )  # fmt: skip
+        """The part inside the picture as (x0, y0, x1, y1), half open, in patch coordinates."""
+
+    @cached_property
+    def hsv(self) -> npt.NDArray[np.uint8]:
+        """(h, w, 3): hue 0..179 in steps of 2 degrees, saturation and value 0..255 (OpenCV's convention)."""
+        return cv2.cvtColor(self.bgr, cv2.COLOR_BGR2HSV)  # type: ignore[return-value]
+
+    @cached_property
+    def gray(self) -> npt.NDArray[np.uint8]:
+        """(h, w) luma 0..255."""
+        return cv2.cvtColor(self.bgr, cv2.COLOR_BGR2GRAY)  # type: ignore[return-value]
+
+    @cached_property
+    def ycc(self) -> npt.NDArray[np.float32]:
+        """(h, w, 3) luma and the chroma differences R - Y and B - Y as video has them, gamma-encoded; luma 0..1,
+        chroma -0.5..0.5."""
+        return cv2.cvtColor(self.bgr, cv2.COLOR_BGR2YCrCb) * np.float32(1 / 255) - _CHROMA_ZERO  # type: ignore[no-any-return]
+
+    def local(self, circle: Circle) -> Circle:
+        """The circle in patch coordinates."""
+        return circle.shifted(-self.window.x, -self.window.y)
+
+
+_CHROMA_ZERO = np.array([0, 128 / 255, 128 / 255], np.float32)
+
 _KR_KB = {"bt601": (0.299, 0.114), "bt709": (0.2126, 0.0722), "bt2020": (0.2627, 0.0593)}
 
 

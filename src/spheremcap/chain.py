@@ -1,0 +1,482 @@
+"""One marker, one frame: the method on one page.
+
+predict -> KCF -> points -> Hough and colour -> edges -> claim -> six votes -> verdict -> metres -> Kalman update.
+A miss is data, never an exception. Nothing here reads files, logs or draws.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from spheremcap.core.camera import Camera
+from spheremcap.core.circle import Circle
+from spheremcap.core.estimate import MarkerEstimate, Status
+from spheremcap.core.frame import Frame, Patch, Window
+from spheremcap.core.marker import MarkerSpec
+from spheremcap.core.stage import StageConfig
+from spheremcap.core.time import NS_PER_S
+from spheremcap.core.view import ResponseMap, StageView
+from spheremcap.core.vote import Verdict, Vote
+from spheremcap.detection.acquire import AcquireConfig, acquire
+from spheremcap.detection.colour import ColourBox, ColourConfig, colour_circle, disc_mask, disc_pixels, learn_box
+from spheremcap.detection.edge import EdgeConfig, EdgePoints, find_edges
+from spheremcap.detection.hough import HoughConfig, hough_circles
+from spheremcap.positioning.kalman import KalmanConfig, Moment, Track3D
+from spheremcap.positioning.sphere import (
+    PositionConfig,
+    circle_of_sphere,
+    fit_sphere,
+    outline_px,
+    sphere_of_circle,
+    thesis_position,
+)
+from spheremcap.tracking.kcf import Kcf, KcfConfig
+from spheremcap.tracking.points import PointsConfig, geometry_scale
+from spheremcap.verification.jury import JuryConfig, cast_votes, judge, vote_sum
+from spheremcap.verification.matching import MatchingConfig, Template, make_template, match
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class PolicyConfig(StageConfig):
+    """When a marker is lost and how far it is looked for (docs/method.md section 5)."""
+
+    lost_after: int = Field(5, ge=1, description="unverified frames in a row that mean LOST")
+    immediate: bool = Field(False, description="true: lost at the first sum below TH2 (thesis line 1143)")
+    out_of_view_s: float = Field(1.0, ge=0, description="seconds out of the picture before it counts as LOST")
+    top_speed_mps: float = Field(8.0, gt=0, description="fastest a marker moves; bounds where a lost one is sought")
+
+
+class ChainConfig(StageConfig):
+    """The stages' own settings, side by side."""
+
+    kcf: KcfConfig = KcfConfig()
+    points: PointsConfig = PointsConfig()
+    hough: HoughConfig = HoughConfig()
+    colour: ColourConfig = ColourConfig()
+    edge: EdgeConfig = EdgeConfig()
+    acquire: AcquireConfig = AcquireConfig()
+    matching: MatchingConfig = MatchingConfig()
+    jury: JuryConfig = JuryConfig()
+    position: PositionConfig = PositionConfig()
+    kalman: KalmanConfig = KalmanConfig()
+    policy: PolicyConfig = PolicyConfig()
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """A circle with its place in space and what speaks for it."""
+
+    circle: Circle
+    circle_sd_px: tuple[float, float, float]
+    xyz_cam_m: FloatArray
+    covariance_m2: FloatArray
+    visible: float
+    proposer: str
+    edges: EdgePoints
+    edge_weights: FloatArray
+
+
+class MarkerChain:
+    """The chain of one marker. `seed` first, then `step` for every later frame in order.
+
+    `metric` False means that the camera is only assumed: tracking works, but no metres are given out.
+    `view` holds the last frame's StageView when `step` was asked to keep it.
+    """
+
+    def __init__(
+        self, spec: MarkerSpec, camera: Camera, config: ChainConfig, exposure_s: float = 0.0, metric: bool = True
+    ) -> None:
+        self.spec, self.camera, self.config, self.metric = spec, camera, config, metric
+        self.exposure_s = exposure_s
+        self.view: StageView | None = None
+        self.misses = 0  # unverified frames in a row
+        self._track = Track3D(config.kalman)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._kcf = Kcf(self.config.kcf)
+        self._template: Template | None = None
+        self._box: ColourBox | None = None
+        self._box_value = self._gain = 1.0
+        self._seed_share = 1.0
+        self._status = Status.LOST
+        self._last: Circle | None = None  # as last verified
+        self._last_xyz = np.zeros(3)
+        self._last_stamp_ns = 0
+        self._before: tuple[Patch, Circle] | None = None  # the previous frame's, when it was verified
+
+    @property
+    def moment(self) -> Moment | None:
+        """The Kalman filter's state at the last frame; None while the marker is lost or out of view."""
+        return self._track.now if self._track.started and self._status.value not in ("LOST", "OUT_OF_VIEW") else None
+
+    # -- what a person gives ------------------------------------------------------------------------------------
+
+    def seed(self, frame: Frame, circle: Circle) -> MarkerEstimate:
+        """Start (again) from a person's circle on this frame; the edge step sharpens it where it agrees with it."""
+        self._forget()
+        patch = Patch(frame, Window.around(circle, self._kcf.half_side_px(circle.r_px) + 2))
+        self._box = learn_box(disc_pixels(patch, circle, self.config.colour.sample), self.config.colour)
+        measured = self._refine(patch, circle, "seed", 0.25 * circle.r_px, (0.0, 0.0), None)
+        if measured is None or measured.circle.dice(circle) < 0.7:
+            xyz = sphere_of_circle(circle, self.spec.radius_m, self.camera)
+            sd = np.array([1.0, 1.0, 1.0])  # a careful click is good to about a pixel
+            covariance = self._circle_covariance(circle, sd)
+            measured = _Measured(circle, (1.0, 1.0, 1.0), xyz, covariance, 0.0, "seed", _NO_EDGES, np.zeros(0))
+        pixels = disc_pixels(patch, measured.circle, self.config.colour.sample)
+        self._box = learn_box(pixels, self.config.colour)
+        self._box_value = max(1.0, float(np.median(pixels[:, 2])))
+        self._seed_share = max(0.2, self._colour_share(patch, measured.circle))
+        self._track.start(frame.stamp_ns, measured.xyz_cam_m, measured.covariance_m2)
+        self._accept(frame, patch, measured, Status.SEEDED)
+        self.view = None
+        return self._estimate(frame, Status.SEEDED, measured, claim=circle, search=patch.window)
+
+    # -- one frame ----------------------------------------------------------------------------------------------
+
+    def step(self, frame: Frame, keep_view: bool = False) -> MarkerEstimate:
+        """Where the marker is on the next frame. Raises RuntimeError before the first seed."""
+        if self._template is None or self._last is None:
+            raise RuntimeError(f"{self.spec.name} has not been seeded")
+        self.view = None
+        if self._status in (Status.LOST, Status.OUT_OF_VIEW):
+            return self._search(frame, keep_view)
+
+        predicted, spread_px, blur_px = self._predict(frame.stamp_ns)
+        if predicted is None:
+            return self._miss(frame, None, None)
+        reach = float(np.clip(3 * spread_px, 0.5 * predicted.r_px, 3 * predicted.r_px))
+        patch = Patch(frame, Window.around(predicted, self._kcf.half_side_px(predicted.r_px) + reach))
+
+        # Where to look: KCF around the prediction, the size from points on the marker.
+        answer = self._kcf.locate(patch, predicted, reach)
+        r_px = predicted.r_px
+        if self._before is not None and self.config.points.enabled:
+            ratio = geometry_scale(*self._before, patch, answer.circle, self.config.points)
+            if ratio is not None:
+                r_px = float(np.clip(self._before[1].r_px * ratio, 0.9 * r_px, 1.1 * r_px))
+        followed = replace(answer.circle, r_px=r_px)
+
+        # What is there: circles by gradient and by colour, then sub-pixel edges on whichever has an outline.
+        mask = self._mask(patch, followed)
+        hough = hough_circles(patch, r_px, self.config.hough) if self.config.hough.enabled else ()
+        colour = colour_circle(mask, patch, predicted) if mask is not None else None
+        proposals = [("kcf", followed), ("prediction", predicted)]
+        proposals += [("colour", colour)] if colour is not None else []
+        proposals += [("hough", hough[0])] if hough else []
+        claim = self._claim(patch, proposals, blur_px, mask)
+        return self._decide(frame, patch, predicted, reach, claim, proposals, mask, hough, keep_view)
+
+    def _search(self, frame: Frame, keep_view: bool) -> MarkerEstimate:
+        """Look for a lost marker by colour and shape, no further than it can have gone."""
+        assert self._last is not None
+        assert self._box is not None
+        age_s = (frame.stamp_ns - self._last_stamp_ns) / NS_PER_S
+        px_per_m = self._last.r_px / self.spec.radius_m
+        reach = 3 * self._last.r_px + self.config.policy.top_speed_mps * age_s * px_per_m
+        for candidate in acquire(
+            frame, self._box, self._gain, self._last, Window.around(self._last, reach), self.config.acquire
+        ):
+            patch = Patch(frame, Window.around(candidate, self._kcf.half_side_px(candidate.r_px)))
+            mask = self._mask(patch, candidate)
+            proposals = [("acquire", candidate)]
+            colour = colour_circle(mask, patch, candidate) if mask is not None else None
+            proposals += [("colour", colour)] if colour is not None else []
+            claim = self._claim(patch, proposals, (0.0, 0.0), mask)
+            if claim is None:
+                continue
+            estimate = self._decide(
+                frame, patch, candidate, 0.75 * candidate.r_px, claim, proposals, mask, (), keep_view, lost=True
+            )
+            if estimate.status is Status.VERIFIED:
+                return estimate
+        return self._miss(frame, None, None)
+
+    # -- the parts of a step --------------------------------------------------------------------------------------
+
+    def _predict(self, stamp_ns: int) -> tuple[Circle | None, float, tuple[float, float]]:
+        """Predicted circle, its standard deviation in px (largest of x, y) and the motion blur in px."""
+        moment = self._track.predict(stamp_ns)
+        xyz, velocity = moment.xyz_cam_m, moment.velocity_cam_mps
+        circle = circle_of_sphere(xyz, self.spec.radius_m, self.camera)
+        if circle is None:
+            return None, 0.0, (0.0, 0.0)
+        lateral_m = float(np.sqrt(max(moment.covariance[0, 0], moment.covariance[1, 1])))
+        blur = self.camera.project(xyz + np.outer((-0.5, 0.5), velocity * self.exposure_s))
+        dx, dy = blur[1] - blur[0]
+        return circle, lateral_m / xyz[2] * self.camera.fx_px, (float(dx), float(dy))
+
+    def _mask(self, patch: Patch, near: Circle) -> npt.NDArray[np.uint8] | None:
+        """The colour mask of the patch; the exposure may have changed, so the brightness is looked up once more."""
+        if not self.config.colour.enabled or self._box is None:
+            return None
+        mask = self._box.mask(patch.hsv, self._gain)
+        disc = disc_mask(patch, near, 0.6)
+        if disc.any() and mask[disc].mean() < 0.3 * 255:
+            gain = float(np.clip(np.median(patch.hsv[disc][:, 2]) / self._box_value, 0.1, 4))
+            again = self._box.mask(patch.hsv, gain)
+            if again[disc].mean() > 0.5 * 255:
+                mask = again
+        return mask
+
+    def _claim(
+        self,
+        patch: Patch,
+        proposals: list[tuple[str, Circle]],
+        blur_px: tuple[float, float],
+        mask: npt.NDArray[np.uint8] | None,
+    ) -> _Measured | None:
+        """The proposal whose neighbourhood shows the most outline, sharpened; proposals alike are tried once."""
+        best: _Measured | None = None
+        tried: list[Circle] = []
+        for name, circle in proposals:
+            if any(circle.dice(other) > 0.85 for other in tried):
+                continue
+            tried.append(circle)
+            measured = self._refine(patch, circle, name, 0.2 * circle.r_px + 1, blur_px, mask)
+            if measured is not None and (best is None or measured.visible > best.visible):
+                best = measured
+            if best is not None and best.visible > 0.75:
+                break
+        return best
+
+    def _refine(
+        self,
+        patch: Patch,
+        circle: Circle,
+        proposer: str,
+        reach_px: float,
+        blur_px: tuple[float, float],
+        mask: npt.NDArray[np.uint8] | None,
+    ) -> _Measured | None:
+        """Edges around a circle, the sphere through them, then once more close by; None when there is no outline."""
+        radius, camera, config = self.spec.radius_m, self.camera, self.config
+        xyz = sphere_of_circle(circle, radius, camera)
+        for coarse, reach in ((True, reach_px), (False, 1.5)):
+            outline = outline_px(xyz, radius, camera, config.edge.rays // 2 if coarse else config.edge.rays)
+            if not np.isfinite(outline).all():
+                return None
+            edges = find_edges(patch, outline, circle.r_px, reach, blur_px, mask, config.edge, coarse)
+            if edges is None:
+                return None
+            rays = camera.rays(edges.points_px)
+            sd_rad = edges.sd_px / camera.fx_px
+            fit = fit_sphere(rays, sd_rad, radius, xyz, loose=reach / 0.1)
+            if fit is None:
+                return None
+            xyz = fit.xyz_cam_m
+        found = circle_of_sphere(xyz, radius, camera)
+        if found is None or not 0.5 < found.r_px / circle.r_px < 2 or found.distance(circle) > 1.5 * circle.r_px:
+            return None
+        near = np.abs(edges.offset_px) < 1.5
+        visible = float(((fit.weights > 0.3) & near).sum()) / config.edge.rays
+        covariance = fit.covariance_m2 + self._circle_covariance(found, np.full(3, config.position.systematic_px))
+        if config.position.formula == "circle":
+            xyz = sphere_of_circle(found, radius, camera)
+        elif config.position.formula == "thesis":
+            size = radius if config.position.thesis_size == "radius" else 2 * radius
+            xyz = thesis_position(found, size, config.position.thesis_constant_px, camera)
+        return _Measured(
+            found, self._circle_sd(found, covariance), xyz, covariance, visible, proposer, edges, fit.weights
+        )
+
+    def _decide(
+        self,
+        frame: Frame,
+        patch: Patch,
+        around: Circle,
+        reach_px: float,
+        claim: _Measured | None,
+        proposals: list[tuple[str, Circle]],
+        mask: npt.NDArray[np.uint8] | None,
+        hough: tuple[Circle, ...],
+        keep_view: bool,
+        lost: bool = False,
+    ) -> MarkerEstimate:
+        """Six votes on the claim, the verdict, and what follows from it."""
+        assert self._template is not None
+        size = claim.circle.r_px if claim is not None and lost else around.r_px
+        maps = match(self._template, patch, replace(around, r_px=size), reach_px, self.config.matching)
+        votes = cast_votes(maps, claim.circle if claim is not None else None)
+        total = vote_sum(votes)
+        verdict = judge(total, self.config.jury)
+        if claim is None:
+            verdict = Verdict.REJECTED
+        elif verdict is Verdict.VERIFIED and not self._plausible(patch, claim, lost):
+            verdict = Verdict.DOUBTFUL
+        if keep_view:
+            self.view = self._stage_view(patch, mask, hough, claim, maps)
+        if claim is None or verdict is not Verdict.VERIFIED:
+            return self._miss(frame, patch.window, claim, tuple(proposals), votes, total, verdict)
+        if lost or not self._track.started:
+            self._track.start(frame.stamp_ns, claim.xyz_cam_m, claim.covariance_m2)
+        else:
+            self._track.update(claim.xyz_cam_m, claim.covariance_m2)
+        self._accept(frame, patch, claim, Status.VERIFIED)
+        return self._estimate(
+            frame, Status.VERIFIED, claim, claim.circle, patch.window, tuple(proposals), votes, total, verdict
+        )
+
+    def _plausible(self, patch: Patch, claim: _Measured, lost: bool) -> bool:
+        """The seed's say, the outline's and the filter's: colour as seeded, edges to be seen, no leap."""
+        jury = self.config.jury
+        if claim.visible < jury.visible:
+            return False
+        if self.config.colour.enabled and self._colour_share(patch, claim.circle) < jury.seed_colour * self._seed_share:
+            return False
+        return lost or self._track.inside_gate(claim.xyz_cam_m, claim.covariance_m2)
+
+    def _accept(self, frame: Frame, patch: Patch, measured: _Measured, status: Status) -> None:
+        """Learn from a verified circle: template, filter, colour gain, size."""
+        circle = measured.circle
+        self._status, self.misses = status, 0
+        self._last, self._last_xyz, self._last_stamp_ns = circle, measured.xyz_cam_m, frame.stamp_ns
+        self._template = make_template(patch, circle, self.config.matching)
+        self._kcf.train(patch, circle)
+        self._before = (patch, circle)
+        values = patch.hsv[disc_mask(patch, circle, 0.6)][:, 2]
+        if len(values):
+            self._gain += 0.5 * (float(np.clip(np.median(values) / self._box_value, 0.1, 4)) - self._gain)
+
+    def _miss(
+        self,
+        frame: Frame,
+        search: Window | None,
+        claim: _Measured | None,
+        proposals: tuple[tuple[str, Circle], ...] = (),
+        votes: tuple[Vote, ...] = (),
+        total: float | None = None,
+        verdict: Verdict | None = None,
+    ) -> MarkerEstimate:
+        """No verified circle: the Kalman filter stands in, until the marker counts as lost or out of view."""
+        self.misses += 1
+        self._before = None
+        policy = self.config.policy
+        claimed = claim.circle if claim is not None else None
+        standing_in: Circle | None = None
+        if self._status in (Status.LOST, Status.OUT_OF_VIEW):
+            if (frame.stamp_ns - self._last_stamp_ns) / NS_PER_S > policy.out_of_view_s:
+                self._status = Status.LOST
+        else:
+            moment = self._track.now
+            standing_in = circle_of_sphere(moment.xyz_cam_m, self.spec.radius_m, self.camera)
+            rejected = verdict is None or verdict is Verdict.REJECTED
+            if standing_in is None or not self._in_picture(frame, standing_in):
+                self._status = Status.OUT_OF_VIEW
+            elif self.misses >= policy.lost_after or (policy.immediate and rejected):
+                self._status = Status.LOST
+            else:
+                self._status = Status.ESTIMATED
+        estimate = self._estimate(frame, self._status, None, claimed, search, proposals, votes, total, verdict)
+        if claim is not None:
+            estimate = replace(estimate, visible=claim.visible, proposer=claim.proposer)
+        if self._status is not Status.ESTIMATED:
+            return estimate
+        estimate = replace(estimate, circle=standing_in)
+        if not self.metric:
+            return estimate
+        moment = self._track.now
+        return replace(
+            estimate,
+            xyz_cam_m=moment.xyz_cam_m,
+            covariance_m2=self._reported(moment.xyz_cam_m, moment.covariance[:3, :3]),
+            velocity_cam_mps=moment.velocity_cam_mps,
+        )
+
+    # -- small facts ------------------------------------------------------------------------------------------------
+
+    def _estimate(
+        self,
+        frame: Frame,
+        status: Status,
+        measured: _Measured | None,
+        claim: Circle | None = None,
+        search: Window | None = None,
+        proposals: tuple[tuple[str, Circle], ...] = (),
+        votes: tuple[Vote, ...] = (),
+        total: float | None = None,
+        verdict: Verdict | None = None,
+    ) -> MarkerEstimate:
+        estimate = MarkerEstimate(
+            self.spec.name, frame.index, frame.stamp_ns, status,
+            claim=claim, proposals=proposals, search=search, votes=votes, vote_sum=total, verdict=verdict,
+        )  # fmt: skip
+        if measured is None:
+            return estimate
+        estimate = replace(
+            estimate,
+            circle=measured.circle,
+            circle_sd_px=measured.circle_sd_px,
+            proposer=measured.proposer,
+            visible=measured.visible,
+        )
+        if not self.metric:
+            return estimate
+        return replace(
+            estimate,
+            xyz_cam_m=measured.xyz_cam_m,
+            covariance_m2=self._reported(measured.xyz_cam_m, measured.covariance_m2),
+            velocity_cam_mps=self._track.now.velocity_cam_mps,
+        )
+
+    def _reported(self, xyz_cam_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
+        """The covariance with the camera's own uncertainty: a wrong focal length scales the distance."""
+        return covariance_m2 + np.outer(xyz_cam_m, xyz_cam_m) * self.camera.focal_sd**2
+
+    def _circle_covariance(self, circle: Circle, sd_px: FloatArray) -> FloatArray:
+        """Covariance (3, 3) in metres of a sphere whose circle has these standard deviations (x, y, r) in pixels."""
+        xyz = sphere_of_circle(circle, self.spec.radius_m, self.camera)
+        return _congruence(self._jacobian(circle, xyz), np.diag(sd_px**2))
+
+    def _circle_sd(self, circle: Circle, covariance_m2: FloatArray) -> tuple[float, float, float]:
+        """Standard deviations (x, y, r) in pixels of a circle whose sphere has this covariance."""
+        xyz = sphere_of_circle(circle, self.spec.radius_m, self.camera)
+        variance = np.diag(_congruence(np.linalg.inv(self._jacobian(circle, xyz)), covariance_m2))
+        x, y, r = np.sqrt(np.maximum(variance, 0))
+        return float(x), float(y), float(r)
+
+    def _jacobian(self, circle: Circle, xyz: FloatArray) -> FloatArray:
+        """d xyz / d (x, y, r), metres a pixel, for a narrow cone: sideways by z / f, along the ray by distance / r."""
+        z = xyz[2]
+        ray = xyz / z
+        return np.stack([[z / self.camera.fx_px, 0, 0], [0, z / self.camera.fy_px, 0], -ray * z / circle.r_px], axis=1)
+
+    def _colour_share(self, patch: Patch, circle: Circle) -> float:
+        """Share of the circle's pixels in the seed's own colours, at the exposure that suits them best."""
+        if self._box is None:
+            return 1.0
+        pixels = disc_pixels(patch, circle, 0.9)[None]
+        if pixels.size == 0:
+            return 0.0
+        gain = float(np.clip(np.median(pixels[..., 2]) / self._box_value, 0.1, 4)) if self._status != Status.LOST else 1.0
+        return float(self._box.mask(pixels, gain).mean()) / 255
+
+    @staticmethod
+    def _in_picture(frame: Frame, circle: Circle) -> bool:
+        """Whether more than a sliver of the circle lies inside the picture."""
+        slack = 0.3 * circle.r_px
+        return (
+            -slack < circle.x_px < frame.width_px - 1 + slack and -slack < circle.y_px < frame.height_px - 1 + slack
+        )
+
+    def _stage_view(
+        self,
+        patch: Patch,
+        mask: npt.NDArray[np.uint8] | None,
+        hough: tuple[Circle, ...],
+        claim: _Measured | None,
+        maps: tuple[ResponseMap, ...],
+    ) -> StageView:
+        edges = claim.edges.points_px if claim is not None else np.zeros((0, 2))
+        weights = claim.edge_weights if claim is not None else np.zeros(0)
+        return StageView(self.spec.name, patch.window, patch.bgr, mask, hough, edges, weights, maps)
+
+
+_NO_EDGES = EdgePoints(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.intp), np.zeros(0), 0)
+
+
+def _congruence(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
+    return jacobian @ covariance @ jacobian.T

@@ -1,0 +1,22 @@
+"""spheremcap export: the tracks of a recording as a table."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spheremcap.io.export import export_tracks
+
+
+def export(
+    recording: Annotated[Path, typer.Argument(help="An MCAP that `track` wrote.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="tracks.csv or tracks.parquet")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
+) -> None:
+    """Write every marker's track as CSV or Parquet: a row per frame and marker, empty where there is no value."""
+    done = export_tracks(recording, output, overwrite)
+    print(f"{done.rows} rows -> {output}")
+    if done.damage is not None:
+        print(f"spheremcap: {done.damage}", file=sys.stderr)
+        raise typer.Exit(3)

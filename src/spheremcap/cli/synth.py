@@ -1,0 +1,42 @@
+"""spheremcap synth: render a session with exact truth."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from spheremcap.cli.progress import bar
+from spheremcap.errors import OutputError, UsageError
+
+
+def synth(
+    scenario: Annotated[str, typer.Argument(help="Which one; `list` prints them all.")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder to write, made when missing.")] = None,
+    frames: Annotated[int | None, typer.Option("--frames", min=2, help="How many frames instead of its own.")] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Another draw of the same scenario.")] = 0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Write into a folder that has a session.")] = False,
+) -> None:
+    """Render a racing session with exact truth: session.mp4, truth.csv, settings.toml and seeds.toml."""
+    from spheremcap.synth import describe, names, render  # its pictures take a moment to load
+
+    if scenario == "list":
+        for name in names():
+            typer.echo(f"{name:20s} {describe(name)}")
+        return
+    if scenario not in names():
+        raise UsageError(f"unknown scenario {scenario!r}; there are: {', '.join(names())}")
+    if output is None:
+        raise UsageError("give the folder to write with -o")
+    if (output / "session.mp4").exists() and not overwrite:
+        raise UsageError(f"{output / 'session.mp4'} exists already: name another folder or pass --overwrite")
+    try:
+        with bar(Console(stderr=True)) as progress:
+            task = progress.add_task("rendering", total=frames)
+            session = render(
+                scenario, output, seed=seed, frames=frames,
+                progress=lambda done, total: progress.update(task, completed=done, total=total),
+            )  # fmt: skip
+    except OSError as error:
+        raise OutputError(f"{output}: cannot be written: {error.strerror or error}") from error
+    print(f"{session.frames} frames -> {session.video}, truth in {session.truth}")

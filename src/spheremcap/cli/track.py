@@ -1,0 +1,101 @@
+"""spheremcap track: a video in, an annotated recording out."""
+
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Literal
+
+import typer
+from rich.console import Console
+
+from spheremcap import api
+from spheremcap.cli.progress import bar
+from spheremcap.config import Settings, load_seeds, load_settings, parse_seed
+from spheremcap.core.time import parse_time_ns
+from spheremcap.errors import UsageError
+
+
+def track(
+    source: Annotated[Path, typer.Argument(help="Session video: anything FFmpeg reads.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The MCAP to write.")],
+    settings: Annotated[
+        Path | None, typer.Option("--settings", "-s", help="TOML with markers, camera and all else; see `config show`.")
+    ] = None,
+    seeds: Annotated[Path | None, typer.Option("--seeds", help="TOML with the seeds, [[seeds]] tables.")] = None,
+    seed: Annotated[
+        list[str] | None, typer.Option("--seed", help="MARKER@FRAME=X,Y,R in pixels; as often as needed.")
+    ] = None,
+    camera: Annotated[
+        str | None, typer.Option("--camera", help="Preset name or ROS camera_info YAML; see `config presets`.")
+    ] = None,
+    start_time: Annotated[
+        str | None, typer.Option("--start-time", help="Time of the first picture: ISO 8601 (UTC) or Unix seconds.")
+    ] = None,
+    video: Annotated[
+        Literal["auto", "passthrough", "h264", "jpeg", "none"] | None,
+        typer.Option("--video", help="How pictures go into the MCAP. [default: auto]"),
+    ] = None,
+    debug_images: Annotated[
+        Literal["none", "crops", "full"] | None,
+        typer.Option("--debug-images", help="Pictures of why a frame was doubted. [default: crops]"),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
+) -> None:
+    """Track markers through a video and write every circle, pose and vote into an MCAP.
+
+    Without a settings file the seeds name the markers and each is taken for 4 cm across.
+    """
+    chosen = load_settings(settings) if settings is not None else Settings()
+    if camera is not None:
+        key = "file" if camera.endswith((".yaml", ".yml")) else "preset"
+        path = str(Path(camera).resolve()) if key == "file" else camera
+        kept = {"exposure_s": chosen.camera.exposure_s}
+        chosen = chosen.model_copy(update={"camera": type(chosen.camera)(**{key: path}, **kept)})
+    told = {"video": video, "debug_images": debug_images}
+    changes = {key: value for key, value in told.items() if value is not None}
+    chosen = chosen.model_copy(update={"output": chosen.output.model_copy(update=changes)})
+    given = load_seeds(seeds) if seeds is not None else []
+    given += [parse_seed(text) for text in seed or []]
+    try:
+        start_ns = parse_time_ns(start_time) if start_time is not None else None
+    except ValueError:
+        raise UsageError(
+            f"--start-time {start_time!r} is neither ISO 8601 such as 2025-06-01T10:00:00Z nor Unix seconds"
+        ) from None
+
+    interrupted = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal interrupted
+        interrupted = True
+
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        with bar(Console(stderr=True)) as shown:
+            task = shown.add_task("tracking", total=None)
+            report = api.track(
+                source, output, chosen, given,
+                folder=settings.parent if settings is not None else Path(),
+                overwrite=overwrite, start_time_ns=start_ns,
+                progress=lambda done, total: shown.update(task, completed=done, total=total),
+                stop=lambda: interrupted,
+            )  # fmt: skip
+    finally:
+        signal.signal(signal.SIGINT, before)
+    for note in report.notes:
+        print(f"spheremcap: {note}", file=sys.stderr)
+    for name, counts in report.statuses.items():
+        parts = ", ".join(f"{count} {status.value.lower()}" for status, count in sorted(counts.items(), key=lambda i: -i[1]))
+        print(f"{name}: {parts}")
+    if report.requests:
+        print(f"{report.requests} request{'s' * (report.requests != 1)} for a person: see `spheremcap info {output}`")
+    for line in report.lost:
+        print(f"spheremcap: {line}", file=sys.stderr)
+    if report.stopped:
+        print(f"spheremcap: stopped after {report.frames} frames; they are in {output}.part", file=sys.stderr)
+        raise typer.Exit(1)
+    print(f"{report.frames} frames -> {output}")
+    if not report.complete:
+        raise typer.Exit(3)
+

@@ -1,0 +1,216 @@
+"""Pictures as viewers take them: H.264 in Annex B or JPEG, one picture per message; and small MP4 files.
+
+Every encoder runs with a fixed number of threads: the same pictures give the same bytes on every machine.
+"""
+
+import itertools
+import os
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+from typing import TypeGuard
+
+import av
+import av.logging
+import cv2
+import numpy as np
+from av.video.codeccontext import VideoCodecContext
+from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
+
+from spheremcap.core.frame import BgrImage, EncodedPicture, Frame
+from spheremcap.core.time import NS_PER_S
+from spheremcap.errors import OutputError, UsageError
+from spheremcap.io.video import DecodedFrame
+
+av.logging.set_level(None)
+
+JPEG_QUALITY = 90
+_TAGS = {"bt601": 6, "bt709": 1, "bt2020": 9}
+"""Colour matrix to FFmpeg's AVColorSpace."""
+_SWSCALE = {"bt601": Colorspace.ITU601, "bt709": Colorspace.ITU709, "bt2020": Colorspace.BT2020}
+
+
+class H264Encoder:
+    """Frames in, H.264 out: one Annex B access unit per frame at once, no B-frames, SPS and PPS on every key.
+
+    Size, colour matrix and range are those of the first frame. A decoded 4:2:0 frame's planes are encoded as
+    they are, everything else goes through BGR to 4:2:0 BT.709. H.264 4:2:0 has even sizes only: an odd width
+    or height gets one more column right or row below, repeating the last, so pixel coordinates hold;
+    `width_px`, `height_px` (set by the first frame) say what a viewer sees.
+
+    `rate_hint` (frames per second) goes into the stream's level and rate control only; `crf` is libx264's
+    constant quality (lower is better, 18-23 usual); a key frame comes every `key_every` frames.
+    """
+
+    def __init__(self, *, rate_hint: Fraction | None = None, crf: float = 20.0, key_every: int = 30) -> None:
+        self._rate = rate_hint or Fraction(60)
+        self._crf, self._key_every = crf, key_every
+        self._context: VideoCodecContext | None = None
+        self._matrix, self._full_range = "bt709", False
+        self._reformatter = VideoReformatter()
+        self._count = 0
+        self._size = (0, 0)
+        self.width_px = self.height_px = 0
+
+    def encode(self, frame: Frame) -> EncodedPicture:
+        """The frame as one access unit. Raises UsageError when its size is not that of the first frame."""
+        if self._context is None:
+            self._context = self._start(frame)
+        if (frame.width_px, frame.height_px) != self._size:
+            was = f"{self._size[0]}x{self._size[1]}"
+            raise UsageError(
+                f"frame {frame.index} is {frame.width_px}x{frame.height_px}, the first was {was}; "
+                "start another encoder for another size"
+            )
+        picture = self._picture(frame)
+        picture.pts, picture.time_base = self._count, 1 / self._rate
+        self._count += 1
+        try:
+            packets = self._context.encode(picture)
+        except av.FFmpegError as error:
+            raise OutputError(f"frame {frame.index} could not be encoded as H.264 ({error})") from error
+        if len(packets) != 1:
+            raise OutputError(f"libx264 gave {len(packets)} packets for frame {frame.index}, not 1")
+        return EncodedPicture(bytes(packets[0]), "h264", packets[0].is_keyframe)
+
+    def _start(self, frame: Frame) -> VideoCodecContext:
+        self._size = (frame.width_px, frame.height_px)
+        self.width_px, self.height_px = (
+            frame.width_px + frame.width_px % 2,
+            frame.height_px + frame.height_px % 2,
+        )
+        if _is_420(frame):
+            self._matrix, self._full_range = frame.matrix, frame.full_range
+        keys = f"keyint={self._key_every}:min-keyint={self._key_every}:scenecut=0"
+        context = av.CodecContext.create("libx264", "w")
+        _set_up(
+            context, self.width_px, self.height_px, self._rate, 1 / self._rate, threads=1, crf=self._crf,
+            preset="superfast", tune="zerolatency", params=f"bframes=0:{keys}:repeat-headers=1:annexb=1",
+        )  # fmt: skip
+        _tag(context, self._matrix, self._full_range)
+        return context
+
+    def _picture(self, frame: Frame) -> av.VideoFrame:
+        if _is_420(frame) and (frame.matrix, frame.full_range) == (self._matrix, self._full_range):
+            picture = av.VideoFrame(self.width_px, self.height_px, "yuv420p")
+            for index, plane in enumerate((frame.y, *frame.uv)):
+                target = picture.planes[index]
+                rows = np.frombuffer(memoryview(target), np.uint8).reshape(target.height, target.line_size)
+                height, width = plane.shape
+                rows[:height, :width] = plane
+                rows[:height, width : target.width] = plane[:, -1:]
+                rows[height : target.height] = rows[height - 1]
+        else:
+            bgr = np.pad(
+                frame.full,
+                ((0, self.height_px - frame.height_px), (0, self.width_px - frame.width_px), (0, 0)),
+                mode="edge",
+            )
+            picture = _to_420(self._reformatter, bgr, self._matrix, self._full_range)
+        _tag(picture, self._matrix, self._full_range)
+        return picture
+
+
+def jpeg_encode(frame: Frame, quality: int = JPEG_QUALITY) -> EncodedPicture:
+    """The frame as a JPEG picture; always a key frame."""
+    done, data = cv2.imencode(".jpg", frame.full, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not done:
+        raise OutputError(f"frame {frame.index} could not be encoded as JPEG")
+    return EncodedPicture(data.tobytes(), "jpeg", True)
+
+
+def write_video(
+    path: str | os.PathLike[str],
+    pictures: Iterable[BgrImage],
+    rate: Fraction,
+    *,
+    stamps_ns: Sequence[int] | None = None,
+    crf: float = 18.0,
+    bitrate: int | None = None,
+    bframes: int = 0,
+    creation_time: str | None = None,
+) -> int:
+    """Write BGR pictures as an H.264 4:2:0 BT.709 MP4 (or MKV, by the name) and return how many.
+
+    Picture i is at exactly i / `rate` seconds (240000/1001 included), or at `stamps_ns[i]` (from 0 on, rising
+    by less than 2 s at a time; MP4 only, whose clock can count nanoseconds). `crf` is libx264's constant
+    quality; `bitrate` (bit/s) replaces it. `bframes` above 0 makes a stream that stores its pictures out of
+    order. `creation_time` is ISO 8601. Sizes have to be even. Raises OutputError when it cannot be written.
+    """
+    if stamps_ns is not None and not all(0 < b - a < 2**31 for a, b in itertools.pairwise(stamps_ns)):
+        raise UsageError(f"{path}: stamps have to rise, by less than 2 s at a time; MP4 cannot hold others")
+    time_base = Fraction(1, NS_PER_S) if stamps_ns is not None else Fraction(1, rate.numerator)
+    count = 0
+    reformatter = VideoReformatter()
+    try:
+        with av.open(os.fspath(path), "w") as container:
+            if creation_time is not None:
+                container.metadata["creation_time"] = creation_time
+            stream = None
+            for image in pictures:
+                if stream is None:
+                    stream = container.add_stream("libx264", rate=rate)
+                    stream.time_base = time_base
+                    context = stream.codec_context
+                    _set_up(
+                        context, image.shape[1], image.shape[0], rate, time_base, threads=2, crf=crf,
+                        bitrate=bitrate, preset="veryfast", params=f"bframes={bframes}:keyint=60",
+                    )  # fmt: skip
+                    _tag(context, "bt709", False)
+                picture = _to_420(reformatter, image, "bt709", False)
+                picture.pts = stamps_ns[count] if stamps_ns is not None else count * rate.denominator
+                picture.time_base = time_base
+                container.mux(stream.encode(picture))
+                count += 1
+            if stream is not None:
+                container.mux(stream.encode(None))
+    except (av.FFmpegError, OSError) as error:
+        raise OutputError(f"{path}: cannot be written as video ({error})") from error
+    return count
+
+
+def _is_420(frame: Frame) -> TypeGuard[DecodedFrame]:
+    return isinstance(frame, DecodedFrame) and frame.uv_step_px == (2, 2)
+
+
+def _set_up(
+    context: VideoCodecContext,
+    width_px: int,
+    height_px: int,
+    rate: Fraction,
+    time_base: Fraction,
+    *,
+    threads: int,
+    crf: float,
+    preset: str,
+    params: str,
+    tune: str | None = None,
+    bitrate: int | None = None,
+) -> None:
+    """Set libx264 up before it opens; `params` are x264's own, colon-separated."""
+    context.width, context.height, context.pix_fmt = width_px, height_px, "yuv420p"
+    context.time_base, context.framerate = time_base, rate
+    context.thread_count = threads
+    options = {"preset": preset, "x264-params": params}
+    if tune is not None:
+        options["tune"] = tune
+    if bitrate is None:
+        options["crf"] = str(crf)
+    else:
+        context.bit_rate = bitrate
+    context.options = options
+
+
+def _tag(target: VideoCodecContext | av.VideoFrame, matrix: str, full_range: bool) -> None:
+    target.colorspace = _TAGS[matrix]
+    target.color_range = int(ColorRange.JPEG if full_range else ColorRange.MPEG)
+
+
+def _to_420(reformatter: VideoReformatter, image: BgrImage, matrix: str, full_range: bool) -> av.VideoFrame:
+    return reformatter.reformat(
+        av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="bgr24"),
+        format="yuv420p",
+        dst_colorspace=_SWSCALE[matrix],
+        dst_color_range=ColorRange.JPEG if full_range else ColorRange.MPEG,
+        interpolation=Interpolation.BILINEAR | Interpolation.ACCURATE_RND,
+        threads=1,
+    )

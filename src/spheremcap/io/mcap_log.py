@@ -1,0 +1,458 @@
+"""Write what the session says of each frame into an MCAP: a new file, or a writer that somebody has open.
+
+Every message's log time, publish time and own stamp are the picture's; log times never go back; nothing in
+the file comes from a clock, so the same input and settings give the same bytes.
+"""
+
+import errno
+import hashlib
+import heapq
+import os
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Literal, Protocol, Self
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from mcap.data_stream import RecordBuilder
+from mcap.records import DataEnd, Footer
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from spheremcap.core.camera import Camera
+from spheremcap.core.estimate import FrameResult, MarkerEstimate
+from spheremcap.core.frame import BgrImage, EncodedPicture
+from spheremcap.core.marker import MarkerSpec
+from spheremcap.errors import OutputError, UsageError
+from spheremcap.io import messages, overlays
+from spheremcap.io.messages import LogLevel, Message
+from spheremcap.io.topics import WORLD_FRAME, Topics
+
+VERSION = version("spheremcap")
+LIBRARY = f"spheremcap/{VERSION} mcap-python/{version('mcap')}"
+RUN_METADATA = "spheremcap/run/"
+OUTCOME_METADATA = "spheremcap/outcome/"
+
+CHUNK_BYTES = 1024 * 1024
+CALIBRATION_PERIOD_NS = 2_000_000_000
+"""Calibration and transforms are repeated this often, so that a piece cut out of the file still has them."""
+SCENE_PERIOD_NS = 15_000_000
+"""At most one scene a period: viewers draw 60 a second, and trails at 240 would outweigh the video."""
+TRAIL_NS = 1_000_000_000
+
+Compression = Literal["zstd", "lz4", "none"]
+_COMPRESSION = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+
+
+class Sink(Protocol):
+    """The part of mcap.writer.Writer that a log needs."""
+
+    def register_schema(self, name: str, encoding: str, data: bytes) -> int: ...
+
+    def register_channel(self, topic: str, message_encoding: str, schema_id: int) -> int: ...
+
+    def add_message(
+        self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int
+    ) -> None: ...
+
+    def add_metadata(self, name: str, data: dict[str, str]) -> None: ...
+
+    def add_attachment(
+        self, create_time: int, log_time: int, name: str, media_type: str, data: bytes
+    ) -> None: ...
+
+
+_SCHEMA_DATA: dict[str, bytes] = {}
+_SCHEMA_IDS: WeakKeyDictionary[Any, dict[str, int]] = WeakKeyDictionary()
+
+
+def schema_id(sink: Sink, message_class: Message) -> int:
+    """The id of a protobuf class's schema in `sink`, registered on first use: one per type and writer."""
+    name: str = message_class.DESCRIPTOR.full_name
+    ids = _SCHEMA_IDS.setdefault(sink, {})
+    if name not in ids:
+        if name not in _SCHEMA_DATA:
+            _SCHEMA_DATA[name] = build_file_descriptor_set(message_class).SerializeToString(
+                deterministic=True
+            )
+        ids[name] = sink.register_schema(name, "protobuf", _SCHEMA_DATA[name])
+    return ids[name]
+
+
+@dataclass(frozen=True)
+class RunInfo:
+    """What explains a recording besides its messages; written as metadata and attachments.
+
+    `input_name` is a file name without folders; `time_source` says where the first stamp comes from (given,
+    the container's creation time, 0); `video` how the pictures came in (passed through, encoded and why).
+    `more` takes further lines.
+    """
+
+    input_name: str = ""
+    input_size: int | None = None
+    input_sha256: str = ""
+    time_source: str = ""
+    video: str = ""
+    settings_toml: str = ""
+    seeds_toml: str = ""
+    more: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def id(self) -> str:
+        """Twelve hex digits that stand for input, settings, seeds and version together."""
+        parts = (VERSION, self.input_sha256 or self.input_name, self.settings_toml, self.seeds_toml)
+        return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:12]
+
+    def lines(self) -> dict[str, str]:
+        """The metadata record's own lines; what is not known is left out."""
+        known = {
+            "version": VERSION,
+            "input_name": self.input_name,
+            "input_size": "" if self.input_size is None else str(self.input_size),
+            "input_sha256": self.input_sha256,
+            "time_source": self.time_source,
+            "video": self.video,
+        }
+        return {key: text for key, text in known.items() if text} | dict(self.more)
+
+
+class _PartFile:
+    """The file under OUT.part. Every write is a run of whole MCAP records, all of it or none of it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file: BinaryIO = open(path, "wb", buffering=0)  # noqa: SIM115
+        self._ended = False
+
+    def write(self, data: bytes) -> int:
+        start = self._file.tell()
+        try:
+            left = memoryview(data)
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError:
+            self._file.seek(start)
+            self._file.truncate()
+            raise
+        self._ended = data[:1] == b"\x0f"
+        return len(data)
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def flush(self) -> None:
+        pass
+
+    def seal(self) -> None:
+        """End a file whose writer failed: no index, but every reader takes it."""
+        tail = RecordBuilder()
+        if not self._ended:
+            DataEnd(0).write(tail)
+        Footer(0, 0, 0).write(tail)
+        self.write(tail.end() + MCAP0_MAGIC)  # type: ignore[no-untyped-call]
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class McapLog:
+    """Turns each `FrameResult` and its picture into messages, in log-time order, in memory that stays flat.
+
+    `target` is a path, written as OUT.part and renamed by `close`; or a writer that the caller has open and
+    finishes himself, to which only schemas, channels, messages and (when `run` is given) metadata and
+    attachments are added. Use it as a context manager: an exception leaves a readable OUT.part and nothing
+    under the final name.
+
+    Raises UsageError when the path exists and `overwrite` is False, OutputError when it cannot be written.
+    """
+
+    def __init__(
+        self,
+        target: str | Path | Sink,
+        *,
+        camera: Camera | None,
+        markers: Sequence[MarkerSpec],
+        run: RunInfo | None = None,
+        topics: Topics | None = None,
+        overwrite: bool = False,
+        compression: Compression = "zstd",
+    ) -> None:
+        self.camera = camera
+        self.markers = {marker.name: (index, marker) for index, marker in enumerate(markers)}
+        self.topics = topics or Topics()
+        self.run = run
+        self.path: Path | None = None
+        self._file: _PartFile | None = None
+        self._owned: Writer | None = None
+        if isinstance(target, str | Path):
+            self.path = Path(target)
+            self.run = run or RunInfo()
+            try:
+                self._file = _PartFile(part_of(self.path, overwrite))
+            except OSError as error:
+                raise output_error(error, self.path) from error
+            self._overwrite = overwrite
+            self._owned = Writer(self._file, CHUNK_BYTES, _COMPRESSION[compression])  # type: ignore[arg-type]
+            self._guarded(self._owned.start, "", LIBRARY)
+            self._sink: Sink = self._owned
+        else:
+            self._sink = target
+        self._channels: dict[str, int] = {}
+        self._sequences: dict[str, int] = {}
+        self._last_ns: int | None = None
+        self._next_calibration_ns: int | None = None
+        self._next_scene_ns: int | None = None
+        self._trails: dict[str, _Trail] = {name: _Trail() for name in self.markers}
+        self._pending_log: list[tuple[int, int, LogLevel, str]] = []
+        self._log_count = 0
+        self._closed = False
+        self._font_px = 14.0 if camera is None else max(10.0, camera.width_px / 70)
+
+    @property
+    def part_path(self) -> Path | None:
+        """Where the file is until `close`; None for somebody else's writer."""
+        return None if self._file is None else self._file.path
+
+    def write(
+        self,
+        result: FrameResult,
+        picture: EncodedPicture | None,
+        overview: BgrImage | None = None,
+        overview_step: int = 1,
+    ) -> None:
+        """Add a frame: its picture as given, and everything the session says of it.
+
+        `overview` (rows, columns, 3) is the frame's `reduced(overview_step)`; it is written with the
+        circles burnt in. Frames come in order of their stamps; one that goes back keeps its own stamp and
+        publish time, and its log time is the one before.
+        """
+        self._guarded(self._write, result, picture, overview, overview_step)
+
+    def log(self, level: LogLevel, text: str, stamp_ns: int) -> None:
+        """Add a line for the user; it waits until the frames have come as far as `stamp_ns`."""
+        self._log_count += 1
+        heapq.heappush(self._pending_log, (stamp_ns, self._log_count, level, text))
+
+    def close(self, outcome: Mapping[str, str] | None = None, *, complete: bool = True) -> None:
+        """Finish the recording; `outcome` is kept as metadata (frames read, frames that did not decode, ...).
+
+        With `complete`, OUT.part becomes OUT; without, it stays OUT.part, finished and readable. A writer
+        that somebody else has open is left open.
+        """
+        if self._closed:
+            return
+        self._guarded(self._finish, outcome or {}, complete)
+        self._closed = True
+        if self._file is None or self.path is None:
+            return
+        self._file.close()
+        if complete:
+            if self.path.exists() and not self._overwrite:
+                raise OutputError(
+                    f"{self.path} appeared while {self._file.path} was written: rename one of them"
+                )
+            try:
+                self._file.path.replace(self.path)
+            except OSError as error:
+                raise output_error(error, self.path) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+            return
+        try:
+            self.close(complete=False)
+        except OutputError:
+            if not isinstance(error, OutputError):
+                raise
+
+    def _write(
+        self,
+        result: FrameResult,
+        picture: EncodedPicture | None,
+        overview: BgrImage | None,
+        overview_step: int,
+    ) -> None:
+        stamp, topics, optical = result.stamp_ns, self.topics, self.topics.optical_frame
+        self._write_log_until(stamp)
+        self._begin(stamp)
+        self._write_calibration(stamp)
+        if picture is not None:
+            if picture.format in ("h264", "h265"):
+                self._add(topics.video, stamp, messages.video(stamp, picture, optical))
+            else:
+                self._add(topics.image, stamp, messages.image(stamp, picture, optical))
+        self._add(topics.annotations, stamp, messages.annotations(stamp, result.estimates, self._font_px))
+        smoothed = {pose.marker: pose for pose in result.smoothed}
+        for estimate in result.estimates:
+            name = estimate.marker
+            pose = smoothed.get(name)
+            self._add(topics.state(name), stamp, messages.state(estimate, pose, optical))
+            if estimate.votes:
+                self._add(topics.votes(name), stamp, messages.votes(estimate))
+            if estimate.xyz_cam_m is not None and estimate.status.measured:
+                self._add(topics.pose(name), stamp, messages.pose(stamp, estimate.xyz_cam_m, optical))
+            if pose is not None:
+                self._add(topics.smoothed(name), stamp, messages.pose(stamp, pose.xyz_cam_m, optical))
+        self._write_scene(result)
+        for request in result.requests:
+            self._add(topics.requests, stamp, messages.request(request))
+        if result.views:
+            by_marker = {estimate.marker: estimate for estimate in result.estimates}
+            for view in result.views:
+                drawn = overlays.stage_picture(view, by_marker.get(view.marker))
+                self._add(topics.debug(view.marker), stamp, messages.image(stamp, drawn, optical))
+        if overview is not None:
+            drawn = overlays.overview_picture(overview, overview_step, result.estimates)
+            self._add(topics.overview, stamp, messages.image(stamp, drawn, optical))
+
+    def _begin(self, stamp_ns: int) -> None:
+        """Metadata and attachments before the first message, stamped like it."""
+        if self._last_ns is not None:
+            return
+        self._last_ns = stamp_ns
+        if self.run is None:
+            return
+        facts = self.run.lines()
+        if self.camera is not None:
+            facts["camera_source"] = self.camera.source
+            facts["camera_focal_sd"] = repr(self.camera.focal_sd)
+        for name, (_, marker) in self.markers.items():
+            facts[f"marker.{name}.diameter_m"] = repr(marker.diameter_m)
+        self._sink.add_metadata(RUN_METADATA + self.run.id, facts)
+        for file, text in (("settings.toml", self.run.settings_toml), ("seeds.toml", self.run.seeds_toml)):
+            if text:
+                self._sink.add_attachment(stamp_ns, stamp_ns, file, "application/toml", text.encode())
+
+    def _finish(self, outcome: Mapping[str, str], complete: bool) -> None:
+        self._write_log_until(None)
+        self._begin(self._last_ns or 0)
+        if self.run is not None:
+            facts = dict(outcome) | {"complete": "yes" if complete else "no"}
+            self._sink.add_metadata(OUTCOME_METADATA + self.run.id, facts)
+        if self._owned is not None:
+            self._owned.finish()  # type: ignore[no-untyped-call]
+
+    def _write_log_until(self, stamp_ns: int | None) -> None:
+        while self._pending_log and (stamp_ns is None or self._pending_log[0][0] <= stamp_ns):
+            stamp, _, level, text = heapq.heappop(self._pending_log)
+            stamp = max(stamp, self._last_ns or 0)
+            self._begin(stamp)
+            self._add(self.topics.log, stamp, messages.log(stamp, level, text))
+
+    def _write_calibration(self, stamp_ns: int) -> None:
+        if self.camera is None or (
+            self._next_calibration_ns is not None and stamp_ns < self._next_calibration_ns
+        ):
+            return
+        self._next_calibration_ns = stamp_ns + CALIBRATION_PERIOD_NS
+        topics = self.topics
+        self._add(
+            topics.calibration, stamp_ns, messages.calibration(stamp_ns, self.camera, topics.optical_frame)
+        )
+        frames = messages.transforms(stamp_ns, WORLD_FRAME, topics.camera_frame, topics.optical_frame)
+        self._add(topics.transforms, stamp_ns, frames)
+
+    def _write_scene(self, result: FrameResult) -> None:
+        due = self._next_scene_ns is None or result.stamp_ns >= self._next_scene_ns
+        entities = []
+        for estimate in result.estimates:
+            index, marker = self.markers.get(estimate.marker) or (0, MarkerSpec(estimate.marker))
+            trail = self._trails.setdefault(estimate.marker, _Trail())
+            trail.follow(estimate, due)
+            if due:
+                stretches = trail.stretches()
+                entity = messages.scene_entity(estimate, marker, index, stretches, self.topics.optical_frame)
+                if entity is not None:
+                    entities.append(entity)
+        if due:
+            self._next_scene_ns = result.stamp_ns + SCENE_PERIOD_NS
+        if entities:
+            self._add(self.topics.scene, result.stamp_ns, SceneUpdate(entities=entities))
+
+    def _add(self, topic: str, stamp_ns: int, message: Message) -> None:
+        channel = self._channels.get(topic)
+        if channel is None:
+            schema = schema_id(self._sink, type(message))
+            channel = self._channels[topic] = self._sink.register_channel(topic, "protobuf", schema)
+        if stamp_ns < 0:
+            raise UsageError(
+                f"stamp {stamp_ns} ns is before 1970, which MCAP cannot hold: give a --start-time"
+            )
+        self._sequences[topic] = sequence = self._sequences.get(topic, 0) + 1
+        self._last_ns = log_time = max(stamp_ns, self._last_ns or 0)
+        self._sink.add_message(channel, log_time, message.SerializeToString(), stamp_ns, sequence)
+
+    def _guarded(self, step: Any, *arguments: Any) -> None:
+        """Run a step that writes; when the file cannot take it, end the file readable and say so."""
+        try:
+            step(*arguments)
+        except OSError as error:
+            if self._file is None:
+                raise OutputError(f"cannot write the recording: {error.strerror or error}") from error
+            if not self._closed:
+                self._closed = True
+                try:
+                    self._file.seal()
+                except OSError:
+                    pass
+                finally:
+                    self._file.close()
+            raise output_error(error, self._file.path) from error
+
+
+class _Trail:
+    """A marker's measured positions of the last second, broken wherever it was not measured in between."""
+
+    def __init__(self) -> None:
+        self._points: deque[tuple[int, npt.NDArray[np.float64] | None]] = deque()
+
+    def follow(self, estimate: MarkerEstimate, keep: bool) -> None:
+        """Take note of a frame; its position is kept only when `keep`, a break always."""
+        points = self._points
+        if estimate.xyz_cam_m is None or not estimate.status.measured:
+            if points and points[-1][1] is not None:
+                points.append((estimate.stamp_ns, None))
+        elif keep:
+            points.append((estimate.stamp_ns, estimate.xyz_cam_m))
+        while points and points[0][0] < estimate.stamp_ns - TRAIL_NS:
+            points.popleft()
+
+    def stretches(self) -> list[list[npt.NDArray[np.float64]]]:
+        """The positions, one list for each unbroken stretch."""
+        stretches: list[list[npt.NDArray[np.float64]]] = [[]]
+        for _, xyz in self._points:
+            if xyz is None:
+                stretches.append([])
+            else:
+                stretches[-1].append(xyz)
+        return stretches
+
+
+def part_of(path: Path, overwrite: bool) -> Path:
+    """OUT.part for OUT. Raises UsageError when OUT is a folder, or exists and `overwrite` is False."""
+    if path.is_dir():
+        raise UsageError(f"{path} is a folder: name a file to write")
+    if path.exists() and not overwrite:
+        raise UsageError(f"{path} exists already: name another file or pass --overwrite")
+    return path.with_name(path.name + ".part")
+
+
+def output_error(error: OSError, path: Path) -> OutputError:
+    """The one-line error for a file that cannot be written."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return OutputError(f"{path}: {os.strerror(error.errno)}: free some space and run again")
+    if isinstance(error, FileNotFoundError):
+        return OutputError(f"{path}: there is no folder {path.parent}: create it first")
+    return OutputError(f"{path}: cannot be written: {error.strerror or error}")

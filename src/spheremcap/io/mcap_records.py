@@ -1,0 +1,587 @@
+"""Raw MCAP records of any file, whole or damaged: everything that can be read, and a list of what cannot.
+
+The file is surveyed once by its record headers (an index is neither needed nor trusted), then chunks are
+opened one at a time as their log times come up, so memory holds a few chunks whatever the file's size. Where
+a header makes no sense, the next place at which records follow each other is looked for; a chunk that is cut
+short or does not decompress to its end gives the messages before the damage.
+"""
+
+import heapq
+import itertools
+import os
+import re
+import struct
+import zlib
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import NamedTuple, Self, TypeVar
+
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Header, Metadata, Schema, Statistics
+
+from spheremcap.errors import SourceError
+
+MAGIC = b"\x89MCAP0\r\n"
+_HEADER = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_CHUNK = struct.Struct("<QQQI")
+_HELD_BYTES = 64 << 20  # decompressed chunks kept at once; beyond it they are read again when needed
+_RUN_BYTES = 1 << 20  # messages outside chunks are taken in runs of this size
+_LARGEST_CHUNK = 4 << 30
+_CHAIN = 3  # records that must follow each other before a place counts as found again
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """Something in the file that cannot be read, or not be trusted: at which byte, and what in one line."""
+
+    offset: int
+    what: str
+
+    def __str__(self) -> str:
+        return f"byte {self.offset}: {self.what}"
+
+
+class RawMessage(NamedTuple):
+    """One message as stored: the file's own channel record, times in ns, data undecoded."""
+
+    channel: Channel
+    sequence: int
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+@dataclass(slots=True)
+class _Piece:
+    """A chunk, or a run of messages outside chunks: where its bytes are and what its header says."""
+
+    offset: int
+    length: int
+    start: int
+    end: int
+    compression: str | None = None  # None: a run of plain records
+    size: int = 0
+    crc: int = 0
+    channels: set[int] | None = None  # from the message indexes behind a chunk; None: not known
+    reported: bool = False
+
+
+_Entry = tuple[int, int, int]  # log_time, start and end of the message record's body
+_ReadAt = Callable[[int, int], bytes]
+_Record = TypeVar("_Record")
+
+
+class McapRecords:
+    """An MCAP file's records: `schemas` and `channels` by the file's own ids, messages in log-time order.
+
+    `lost` lists the damage met so far: framing damage once the file is open, bad chunks once they have been
+    read. `counts` has the number of readable messages by channel id. `unordered` counts messages that were
+    stored behind a later one of the same chunk; they come out in order.
+
+    Raises SourceError when the file is not there or holds no MCAP record at all.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.profile = ""
+        self.library = ""
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.metadata: list[Metadata] = []
+        self.counts: dict[int, int] = {}
+        self.lost: list[Loss] = []
+        self.unordered = 0
+        self._attachments: list[tuple[int, int]] = []
+        self._pieces: list[_Piece] = []
+        try:
+            self._file = open(self.path, "rb", buffering=0)  # noqa: SIM115 (closed by close())
+        except OSError as error:
+            raise SourceError(f"{self.path}: cannot be opened: {error.strerror}") from error
+        self._size = self._file.seek(0, os.SEEK_END)
+        self._block, self._block_at = b"", 0
+        try:
+            self._survey()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    # --- what the file holds ---
+
+    def attachments(self) -> Iterator[Attachment]:
+        """The attachments in file order, read one at a time."""
+        for offset, length in self._attachments:
+            yield Attachment.read(_stream(self._read(offset, length)))
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        """All readable messages, or those of `topics`, by log time; equal times in the order of the file."""
+        for piece_, entry, data in self._entries(topics):
+            channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, entry[1])
+            channel = self.channels.get(channel_id)
+            if channel is None:
+                if not piece_.reported:
+                    piece_.reported = True
+                    self._lose(piece_.offset, f"messages of channel {channel_id}, whose record is missing")
+            elif topics is None or channel.topic in topics:
+                body = bytes(data[entry[1] + _MESSAGE.size : entry[2]])
+                yield RawMessage(channel, sequence, log_time, publish_time, body)
+
+    def _entries(self, topics: Collection[str] | None) -> Iterator[tuple[_Piece, _Entry, bytes]]:
+        """Pieces opened as late as their start times allow, their messages merged by log time."""
+        waiting = self._pieces
+        if topics is not None:
+            wanted = {i for i, channel in self.channels.items() if channel.topic in topics}
+            waiting = [p for p in waiting if p.channels is None or not p.channels.isdisjoint(wanted)]
+        waiting = sorted(waiting, key=lambda p: (p.start, p.offset), reverse=True)
+        heap: list[tuple[int, int, int]] = []  # log_time, offset of the piece, index of its next entry
+        opened: dict[int, tuple[_Piece, list[_Entry]]] = {}
+        held: dict[int, bytes] = {}
+        while heap or waiting:
+            while waiting and (not heap or waiting[-1].start <= heap[0][0]):
+                piece = waiting.pop()
+                data = self._load(piece, report=True)
+                entries = self._index(piece, data)
+                if entries:
+                    opened[piece.offset], held[piece.offset] = (piece, entries), data
+                    heapq.heappush(heap, (entries[0][0], piece.offset, 0))
+            if not heap:
+                return
+            _, offset, k = heap[0]
+            piece, entries = opened[offset]
+            if offset not in held:
+                held[offset] = self._load(piece, report=False)
+            while len(held) > 1 and sum(map(len, held.values())) > _HELD_BYTES:
+                del held[next(o for o in held if o != offset)]
+            # This piece goes on until another open one, or the start of a waiting one, comes first.
+            other = min(heap[1:3])[:2] if len(heap) > 1 else None
+            until = waiting[-1].start if waiting else None
+            while k < len(entries):
+                log_time = entries[k][0]
+                if (other is not None and (log_time, offset) > other) or (
+                    until is not None and log_time >= until
+                ):
+                    break
+                yield piece, entries[k], held[offset]
+                k += 1
+            if k < len(entries):
+                heapq.heapreplace(heap, (entries[k][0], offset, k))
+            else:
+                heapq.heappop(heap)
+                del opened[offset], held[offset]
+
+    # --- the survey ---
+
+    def _survey(self) -> None:
+        """Walk the record headers once; then, unless the summary says it all, open the chunks."""
+        position = len(MAGIC)
+        if self._read(0, len(MAGIC)) != MAGIC:
+            self._lose(0, "the magic bytes at the start are wrong")
+            if not _plausible(self._read, position, self._size):
+                position = 0
+        summary: Statistics | None = None
+        in_data, finished, trusted = True, False, not self.lost
+        run: _Piece | None = None
+        chunk: _Piece | None = None
+        chunks: dict[int, _Piece] = {}
+        seen = 0
+        for opcode, offset, length in _walk(self._read, position, self._size, self._lose):
+            seen += 1
+            if opcode == Opcode.MESSAGE and in_data:
+                channel_id, _, log_time, _ = _MESSAGE.unpack(self._read(offset, _MESSAGE.size))
+                if run is None or run.offset + run.length != offset - 9 or run.length >= _RUN_BYTES:
+                    run = _Piece(offset - 9, 0, log_time, log_time, channels=set())
+                    self._pieces.append(run)
+                run.length = offset + length - run.offset
+                run.start, run.end = min(run.start, log_time), max(run.end, log_time)
+                if run.channels is not None:
+                    run.channels.add(channel_id)
+            elif opcode == Opcode.CHUNK:
+                chunk = self._chunk(offset, length)
+                self._pieces.append(chunk)
+                chunks[offset - 9] = chunk
+            elif opcode == Opcode.MESSAGE_INDEX and chunk is not None:
+                chunk.channels = chunk.channels or set()
+                chunk.channels.add(struct.unpack("<H", self._read(offset, 2))[0])
+            elif opcode == Opcode.CHUNK_INDEX:
+                start, end, at = struct.unpack("<QQQ", self._read(offset, 24))
+                if at in chunks and (chunks[at].start, chunks[at].end) != (start, end):
+                    self._lose(
+                        at, "the chunk's times are not those of the index: its messages are sorted anew"
+                    )
+            elif opcode == Opcode.SCHEMA:
+                self._keep_schema(self._read(offset, length), offset)
+            elif opcode == Opcode.CHANNEL:
+                self._keep_channel(self._read(offset, length), offset)
+            elif opcode == Opcode.METADATA:
+                self._keep_metadata(self._read(offset, length), offset)
+            elif opcode == Opcode.ATTACHMENT:
+                self._keep_attachment(offset, length)
+            elif opcode == Opcode.HEADER:
+                header = _parsed(Header.read, self._read(offset, length))
+                if header is not None:
+                    self.profile, self.library = header.profile, header.library
+            elif opcode == Opcode.DATA_END:
+                in_data = False
+            elif opcode == Opcode.STATISTICS:
+                summary = _parsed(Statistics.read, self._read(offset, length))
+            elif opcode == Opcode.FOOTER:
+                finished = True
+                trusted = trusted and self._summary_intact(offset)
+                if self._read(offset + length, len(MAGIC)) != MAGIC:
+                    self._lose(offset + length, "the magic bytes at the end are wrong")
+        if not seen:
+            raise SourceError(f"{self.path}: is not an MCAP file (no MCAP record in its {self._size} bytes)")
+        if not finished:
+            self._lose(self._size, "there is no footer: the recording was not finished")
+        if (
+            trusted
+            and not self.lost
+            and summary is not None
+            and summary.channel_count == len(self.channels)
+            and summary.schema_count == len(self.schemas)
+            and len(summary.channel_message_counts) > 0
+        ):
+            self.counts = dict(summary.channel_message_counts)
+        else:
+            self._count_all()
+
+    def _count_all(self) -> None:
+        """Open every piece once, for its schemas, channels and number of messages."""
+        self.counts = {}
+        for piece in self._pieces:
+            data = self._load(piece, report=True)
+            channels = set()
+            entries = self._index(piece, data)
+            for _, start, _ in entries:
+                channel_id = int.from_bytes(data[start : start + 2], "little")
+                channels.add(channel_id)
+                self.counts[channel_id] = self.counts.get(channel_id, 0) + 1
+            if entries:
+                piece.start, piece.end = entries[0][0], entries[-1][0]
+            piece.channels = channels
+        self.unordered = 0
+
+    def _chunk(self, offset: int, length: int) -> _Piece:
+        """The chunk record at `offset`; `length` may reach past the end of a file that was cut."""
+        start, end, size, crc = _CHUNK.unpack(self._read(offset, _CHUNK.size))
+        text = int.from_bytes(self._read(offset + _CHUNK.size, 4), "little")
+        compression = self._read(offset + _CHUNK.size + 4, text).decode("utf-8", "replace")
+        body = offset + _CHUNK.size + 4 + text
+        stored = int.from_bytes(self._read(body, 8), "little")
+        return _Piece(body + 8, min(stored, self._size - body - 8), start, end, compression, size, crc)
+
+    def _summary_intact(self, footer: int) -> bool:
+        """Whether the summary's checksum is right, or there is none."""
+        start, _, crc = struct.unpack("<QQI", self._read(footer, 20))
+        if not crc or not 0 < start < footer:
+            return True
+        if zlib.crc32(self._read(start, footer + 16 - start)) == crc:
+            return True
+        self._lose(start, "the summary's checksum is wrong: the data section is used instead")
+        return False
+
+    def _keep_schema(self, body: bytes, offset: int) -> None:
+        schema = _parsed(Schema.read, body)
+        if schema is None:
+            self._lose(offset, "a schema record does not parse")
+        elif schema.id:
+            self.schemas.setdefault(schema.id, schema)
+
+    def _keep_channel(self, body: bytes, offset: int) -> None:
+        channel = _parsed(Channel.read, body)
+        if channel is None:
+            self._lose(offset, "a channel record does not parse")
+        else:
+            self.channels.setdefault(channel.id, channel)
+
+    def _keep_metadata(self, body: bytes, offset: int) -> None:
+        metadata = _parsed(Metadata.read, body)
+        if metadata is None:
+            self._lose(offset, "a metadata record does not parse")
+        else:
+            self.metadata.append(metadata)
+
+    def _keep_attachment(self, offset: int, length: int) -> None:
+        body = self._read(offset, length)
+        crc = int.from_bytes(body[-4:], "little")
+        if _parsed(Attachment.read, body) is None:
+            self._lose(offset, "an attachment does not parse")
+            return
+        if crc and zlib.crc32(body[:-4]) != crc:
+            self._lose(offset, "an attachment's checksum is wrong: it is kept as it is")
+        self._attachments.append((offset, length))
+
+    # --- chunks ---
+
+    def _load(self, piece: _Piece, report: bool) -> bytes:
+        """A piece's records, decompressed as far as they can be."""
+        stored = self._read(piece.offset, piece.length)
+        if piece.compression is None:
+            return stored
+        data, problem = _decompress(stored, piece.compression, piece.size)
+        if problem is None and piece.crc and zlib.crc32(data) != piece.crc:
+            problem = "its checksum is wrong: its messages are kept as they are"
+        if problem is not None and report and not piece.reported:
+            piece.reported = True
+            self._lose(piece.offset, f"chunk of {piece.size} bytes: {problem}")
+        return data
+
+    def _index(self, piece: _Piece, data: bytes) -> list[_Entry]:
+        """The messages of a piece by log time; its schemas and channels are kept on the way."""
+        entries: list[_Entry] = []
+        position, end = 0, len(data)
+        while position + 9 <= end:  # the common case, without the checks
+            opcode, length = _HEADER.unpack_from(data, position)
+            body = position + 9
+            position = body + length
+            if position > end:
+                position = body - 9
+                break
+            if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
+                entries.append((int.from_bytes(data[body + 6 : body + 14], "little"), body, position))
+            elif opcode == Opcode.SCHEMA and _parsed(Schema.read, data[body:position]):
+                self._keep_schema(data[body:position], piece.offset)
+            elif opcode == Opcode.CHANNEL and _parsed(Channel.read, data[body:position]):
+                self._keep_channel(data[body:position], piece.offset)
+            elif opcode <= Opcode.DATA_END:
+                position = body - 9
+                break
+        if position < end:
+            lost = (lambda *_: None) if piece.reported else self._lose_in(piece)
+            entries = []
+            for opcode, body, length in _walk(_reader(data), 0, end, lost):
+                if opcode == Opcode.MESSAGE:
+                    entries.append(
+                        (int.from_bytes(data[body + 6 : body + 14], "little"), body, body + length)
+                    )
+                elif opcode == Opcode.SCHEMA:
+                    self._keep_schema(data[body : body + length], piece.offset)
+                elif opcode == Opcode.CHANNEL:
+                    self._keep_channel(data[body : body + length], piece.offset)
+            piece.reported = True
+        backwards = sum(a[0] > b[0] for a, b in itertools.pairwise(entries))
+        if backwards:
+            self.unordered += backwards
+            entries.sort()
+        return entries
+
+    def _lose_in(self, piece: _Piece) -> Callable[[int, str], None]:
+        where = piece.offset
+        if piece.compression:
+            return lambda at, what: self._lose(where, f"inside the chunk, at its byte {at}: {what}")
+        return lambda at, what: self._lose(where + at, what)
+
+    def _lose(self, offset: int, what: str) -> None:
+        self.lost.append(Loss(offset, what))
+
+    def _read(self, offset: int, length: int) -> bytes:
+        """Up to `length` bytes at `offset`; small reads come from one block of read-ahead."""
+        inside = offset - self._block_at
+        if inside >= 0 and inside + length <= len(self._block):
+            return self._block[inside : inside + length]
+        if length > 4096:
+            return _pread(self._file.fileno(), offset, length)
+        self._block, self._block_at = _pread(self._file.fileno(), offset, 8192), offset
+        return self._block[:length]
+
+
+def _pread(fd: int, offset: int, length: int) -> bytes:
+    """os.pread that goes on after a short read (the kernel gives at most 2 GiB at once)."""
+    data = os.pread(fd, length, offset)
+    while 0 < len(data) < length:
+        more = os.pread(fd, length - len(data), offset + len(data))
+        if not more:
+            break
+        data += more
+    return data
+
+
+def _stream(body: bytes) -> ReadDataStream:
+    return ReadDataStream(BytesIO(body))
+
+
+def _parsed(read: Callable[[ReadDataStream], _Record], body: bytes) -> _Record | None:
+    """The record, or None when its bytes do not make one."""
+    try:
+        return read(_stream(body))
+    except Exception:  # the reference reader raises whatever its struct, dict and str calls raise
+        return None
+
+
+def _reader(data: bytes) -> _ReadAt:
+    return lambda offset, length: data[offset : offset + length]
+
+
+def _decompress(stored: bytes, compression: str, size: int) -> tuple[bytes, str | None]:
+    """The chunk's records and None, or as many of them as come out and what is wrong."""
+    if compression == "":
+        return stored, None if len(stored) == size else f"only {len(stored)} of its bytes are there"
+    if size > _LARGEST_CHUNK:
+        return b"", "its size makes no sense"
+    try:
+        if compression == "zstd":
+            return zstandard.ZstdDecompressor().decompress(stored, max_output_size=size), None
+        if compression == "lz4":
+            return lz4.frame.decompress(stored), None
+    except (zstandard.ZstdError, RuntimeError, MemoryError):
+        pass
+    else:
+        return b"", f"compression {compression!r} is not known (zstd and lz4 are)"
+    zstd = compression == "zstd"
+    stream = zstandard.ZstdDecompressor().decompressobj() if zstd else lz4.frame.LZ4FrameDecompressor()
+    out = bytearray()
+    try:
+        for start in range(0, len(stored), 64):  # small steps: what comes before the fault is kept
+            out += stream.decompress(stored[start : start + 64])
+    except (zstandard.ZstdError, RuntimeError, EOFError):
+        pass
+    return bytes(out), f"it does not decompress beyond {len(out)} bytes"
+
+
+# --- framing ---
+
+
+def _walk(
+    read: _ReadAt, position: int, end: int, lost: Callable[[int, str], None]
+) -> Iterator[tuple[int, int, int]]:
+    """(opcode, offset of the body, length) of every record; bytes that make no sense are passed over."""
+    pending: tuple[int, int, int] | None = None  # a message is held back until what follows it makes sense
+    while position + 9 <= end:
+        if _plausible(read, position, end):
+            if pending is not None:
+                yield pending
+            opcode, length = _HEADER.unpack(read(position, 9))
+            pending = (opcode, position + 9, length)
+            if opcode != Opcode.MESSAGE:
+                yield pending
+                pending = None
+            position += 9 + length
+            if opcode == Opcode.FOOTER:
+                return
+            continue
+        # A message has no inner length to check: the fault may be in the length of the one before.
+        search = position + 1 if pending is None else pending[1] + _MESSAGE.size
+        found = _resync(read, search, end)
+        if pending is not None:
+            if found is None or found >= position:
+                yield pending
+            else:
+                lost(pending[1] - 9, f"a message whose length is wrong ({found - pending[1] + 9} bytes)")
+                pending, position = None, found
+                continue
+            pending = None
+        if found is None:
+            opcode, length = _HEADER.unpack(read(position, 9))
+            if opcode == Opcode.CHUNK and _chunk_header(read, position + 9, length):
+                lost(position, "the last chunk is cut short")
+                yield opcode, position + 9, length
+            else:
+                lost(position, f"{end - position} bytes at the end are not a whole record")
+            return
+        lost(position, f"{found - position} bytes are not MCAP records")
+        position = found
+    if pending is not None:
+        yield pending
+    if position < end:
+        lost(position, f"{end - position} bytes at the end are not a whole record")
+
+
+_CANDIDATE = re.compile(rb"(?=[\x01-\x0f][\x00-\xff]{5}\x00\x00\x00)", re.DOTALL)
+
+
+def _resync(read: _ReadAt, position: int, end: int) -> int | None:
+    """The first place from `position` on at which records follow each other."""
+    step, overlap = 1 << 20, 8
+    while position + 9 <= end:
+        block = read(position, step + overlap)
+        for match in _CANDIDATE.finditer(block):
+            at = position + match.start()
+            if match.start() < step and _chained(read, at, end):
+                return at
+        position += step
+    return None
+
+
+def _chained(read: _ReadAt, position: int, end: int) -> bool:
+    for _ in range(_CHAIN):
+        if not _plausible(read, position, end, strict=True):
+            return False
+        opcode, length = _HEADER.unpack(read(position, 9))
+        position += 9 + length
+        if position == end or opcode == Opcode.FOOTER:
+            return True
+    return True
+
+
+_LENGTHS = {Opcode.FOOTER: 20, Opcode.DATA_END: 4, Opcode.SUMMARY_OFFSET: 17}
+_SMALLEST = {
+    Opcode.MESSAGE: 22,
+    Opcode.CHUNK_INDEX: 64,
+    Opcode.ATTACHMENT_INDEX: 48,
+    Opcode.STATISTICS: 46,
+    Opcode.METADATA_INDEX: 20,
+}
+# The fields of a record: a number is that many bytes, s/m/d/q a text, map, u32-counted and u64-counted bytes.
+_LAYOUT: dict[int, tuple[int | str, ...]] = {
+    Opcode.HEADER: ("s", "s"),
+    Opcode.SCHEMA: (2, "s", "s", "d"),
+    Opcode.CHANNEL: (4, "s", "s", "d"),
+    Opcode.CHUNK: (28, "s", "q"),
+    Opcode.MESSAGE_INDEX: (2, "d"),
+    Opcode.ATTACHMENT: (16, "s", "s", "q", 4),
+    Opcode.METADATA: ("s", "d"),
+}
+
+
+def _plausible(read: _ReadAt, position: int, end: int, strict: bool = False) -> bool:
+    """Whether a record can start here: it fits and its inner lengths add up (exactly when `strict`)."""
+    header = read(position, 9)
+    if len(header) < 9:
+        return False
+    opcode, length = _HEADER.unpack(header)
+    if position + 9 + length > end or opcode == 0:
+        return False
+    if opcode > Opcode.DATA_END:  # private or future records: allowed, but no reason to believe in one
+        return not strict and length < _LARGEST_CHUNK
+    if opcode in _LENGTHS:
+        return bool(length == _LENGTHS[opcode]) if strict else bool(length >= _LENGTHS[opcode])
+    if opcode in _SMALLEST:
+        return bool(length >= _SMALLEST[opcode])
+    inner = _inner_length(read, position + 9, length, _LAYOUT[opcode])
+    return inner is not None and (inner == length or (not strict and inner < length))
+
+
+def _inner_length(read: _ReadAt, position: int, limit: int, layout: tuple[int | str, ...]) -> int | None:
+    used = 0
+    for part in layout:
+        if isinstance(part, int):
+            used += part
+        else:
+            width = 8 if part == "q" else 4
+            used += width + int.from_bytes(read(position + used, width), "little")
+        if used > limit:
+            return None
+    return used
+
+
+def _chunk_header(read: _ReadAt, position: int, length: int) -> bool:
+    """Whether the body of a cut chunk begins as a chunk does."""
+    compression = int.from_bytes(read(position + _CHUNK.size, 4), "little")
+    name = read(position + _CHUNK.size + 4, min(compression, 4))
+    inner = _inner_length(read, position, length, _LAYOUT[Opcode.CHUNK])
+    return name in (b"", b"zstd", b"lz4") and inner == length

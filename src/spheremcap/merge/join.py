@@ -1,0 +1,274 @@
+"""Recordings into one, by log time: messages, schemas, channels, metadata and attachments byte for byte.
+
+Schemas coalesce by (name, encoding, data) and channels by (topic, schema, encoding, metadata), as the
+official tool does it. Metadata records of one name and the same content become one; of one name and other
+content the later one gets a number (`name#2`). Every input is read a few chunks at a time.
+"""
+
+import heapq
+import os
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import IO, NamedTuple, Protocol
+
+from mcap.writer import CompressionType, Writer
+
+from spheremcap.errors import OutputError, UsageError
+from spheremcap.io.mcap_records import McapRecords
+from spheremcap.merge.clock import Clock
+
+LIBRARY = f"spheremcap/{version('spheremcap')} mcap-python/{version('mcap')}"
+CHUNK_BYTES = 1 << 20
+CLOCK_METADATA = "spheremcap/clock/"
+
+
+class SharedWriter(Writer):
+    """An mcap Writer for several sources: the same schema, channel or metadata record is stored once.
+
+    It can be handed to McapLog, whose messages then share schemas with those that are copied.
+    """
+
+    def __init__(self, output: IO[bytes], compression: CompressionType = CompressionType.ZSTD) -> None:
+        super().__init__(output, CHUNK_BYTES, compression)
+        self.topics: dict[int, str] = {}
+        self.counts: Counter[str] = Counter()
+        self.renamed: dict[str, str] = {}
+        self._schema_ids: dict[tuple[str, str, bytes], int] = {}
+        self._channel_ids: dict[tuple[str, str, int, frozenset[tuple[str, str]]], int] = {}
+        self._metadata: dict[str, list[dict[str, str]]] = {}
+
+    def register_schema(self, name: str, encoding: str, data: bytes) -> int:
+        """The id of this schema, stored when it is new."""
+        key = (name, encoding, data)
+        if key not in self._schema_ids:
+            self._schema_ids[key] = super().register_schema(name, encoding, data)
+        return self._schema_ids[key]
+
+    def register_channel(
+        self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str] | None = None
+    ) -> int:
+        """The id of this channel, stored when it is new."""
+        key = (topic, message_encoding, schema_id, frozenset((metadata or {}).items()))
+        if key not in self._channel_ids:
+            new = super().register_channel(topic, message_encoding, schema_id, metadata or {})
+            self._channel_ids[key] = new
+            self.topics[new] = topic
+        return self._channel_ids[key]
+
+    def add_message(
+        self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0
+    ) -> None:
+        """As in Writer; `counts` goes by topic."""
+        self.counts[self.topics[channel_id]] += 1
+        super().add_message(channel_id, log_time, data, publish_time, sequence)
+
+    def add_metadata(self, name: str, data: dict[str, str]) -> None:
+        """Store a record; one that is there already is left out, one whose name is taken gets a number."""
+        same_name = self._metadata.setdefault(name, [])
+        if data in same_name:
+            return
+        same_name.append(data)
+        if len(same_name) == 1:
+            super().add_metadata(name, data)
+            return
+        number = len(same_name)
+        while f"{name}#{number}" in self._metadata:
+            number += 1
+        self._metadata[f"{name}#{number}"] = [data]
+        self.renamed[f"{name}#{number}"] = name
+        super().add_metadata(f"{name}#{number}", data)
+
+
+class OutMessage(NamedTuple):
+    """A message on its way out: a channel id of the SharedWriter, times in ns, encoded data."""
+
+    log_time: int
+    publish_time: int
+    sequence: int
+    channel_id: int
+    data: bytes
+
+
+class Stream(Protocol):
+    """Something that can be joined: it registers what it needs with the writer, then gives its messages in
+    order.
+    """
+
+    def begin(self, writer: SharedWriter) -> None:
+        """Register schemas and channels, write metadata and attachments."""
+
+    def messages(self) -> Iterator[OutMessage]:
+        """Messages by log time, after `begin`."""
+
+
+class McapStream:
+    """An MCAP input, or some topics of it, on the common time line; publish times stay what they were.
+
+    `prefix` goes before every topic (two recordings of the same tool would otherwise share topics). `extras`
+    says whether metadata and attachments come along.
+    """
+
+    def __init__(
+        self,
+        records: McapRecords,
+        *,
+        clock: Clock | None = None,
+        prefix: str = "",
+        topics: Collection[str] | None = None,
+        extras: bool = True,
+    ) -> None:
+        self.records = records
+        self.clock = clock
+        self.prefix = prefix
+        self.wanted = topics
+        self.extras = extras
+        self._writer: SharedWriter | None = None
+        self._ids: dict[int, int] = {}
+
+    def begin(self, writer: SharedWriter) -> None:
+        """Register every channel that is wanted, messages or not, and copy the extras."""
+        self._writer = writer
+        for channel_id in self.records.channels:
+            self._register(channel_id)
+        if self.extras:
+            if self.wanted is None:
+                for schema in self.records.schemas.values():
+                    writer.register_schema(schema.name, schema.encoding, schema.data)
+            for record in self.records.metadata:
+                writer.add_metadata(record.name, record.metadata)
+            for file in self.records.attachments():
+                writer.add_attachment(file.create_time, file.log_time, file.name, file.media_type, file.data)
+        if self.clock is not None:
+            facts = {"input": self.records.path.name} | self.clock.lines()
+            writer.add_metadata(CLOCK_METADATA + self.records.path.stem, facts)
+
+    def messages(self) -> Iterator[OutMessage]:
+        """The input's messages by log time; stamps before 1970 are an error, for MCAP cannot hold them."""
+        clock = self.clock
+        for channel, sequence, log_time, publish_time, data in self.records.messages(self.wanted):
+            out = self._ids.get(channel.id)
+            if out is None:
+                out = self._register(channel.id)
+            if clock is not None:
+                log_time = in_range(clock(log_time), self.records.path.name)
+            yield OutMessage(log_time, publish_time, sequence, out, data)
+
+    def _register(self, channel_id: int) -> int:
+        channel = self.records.channels[channel_id]
+        if self._writer is None or (self.wanted is not None and channel.topic not in self.wanted):
+            return -1
+        schema = self.records.schemas.get(channel.schema_id)
+        schema_id = (
+            0 if schema is None else self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        )
+        self._ids[channel_id] = self._writer.register_channel(
+            self.prefix + channel.topic, channel.message_encoding, schema_id, channel.metadata
+        )
+        return self._ids[channel_id]
+
+
+class Join:
+    """Streams into one writer by log time, as far as somebody asks; at equal times in the streams' order.
+
+    For a run that adds its own messages to a copy: `until(stamp)` before each frame's are written, `rest()`
+    at the end, so that log times never go back over the whole file.
+    """
+
+    def __init__(self, writer: SharedWriter, streams: Sequence[Stream]) -> None:
+        self.writer = writer
+        for stream in streams:
+            stream.begin(writer)
+        self._messages = heapq.merge(*(s.messages() for s in streams), key=lambda m: m.log_time)
+        self._next: OutMessage | None = None
+
+    def until(self, log_time: int) -> None:
+        """Write all messages up to and at `log_time`."""
+        self._write(log_time)
+
+    def rest(self) -> None:
+        """Write all messages that are left."""
+        self._write(None)
+
+    def _write(self, limit: int | None) -> None:
+        add = self.writer.add_message
+        message = self._next if self._next is not None else next(self._messages, None)
+        while message is not None and (limit is None or message.log_time <= limit):
+            log_time, publish_time, sequence, channel_id, data = message
+            add(channel_id, log_time, data, publish_time, sequence)
+            message = next(self._messages, None)
+        self._next = message
+
+
+@dataclass(frozen=True, slots=True)
+class Merged:
+    """What a merge did: messages by topic, renamed metadata (new name -> old), what the inputs had lost."""
+
+    counts: dict[str, int]
+    renamed: dict[str, str]
+    lost: tuple[str, ...]
+
+
+def merge_streams(
+    streams: Sequence[Stream],
+    output: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    compression: CompressionType = CompressionType.ZSTD,
+) -> Merged:
+    """Join the streams into a new file. Inputs that are damaged give what can be read; `lost` says what is
+    missing.
+
+    Raises UsageError when the output exists, OutputError when it cannot be written.
+    """
+    inputs = [s.records for s in streams if isinstance(s, McapStream)]
+    with open_output(output, inputs, overwrite=overwrite, compression=compression) as writer:
+        Join(writer, streams).rest()
+    lost = tuple(f"{records.path}: {loss}" for records in inputs for loss in records.lost)
+    return Merged(dict(writer.counts), writer.renamed, lost)
+
+
+@contextmanager
+def open_output(
+    path: str | os.PathLike[str],
+    inputs: Sequence[McapRecords] = (),
+    *,
+    overwrite: bool = False,
+    compression: CompressionType = CompressionType.ZSTD,
+) -> Iterator[SharedWriter]:
+    """A started SharedWriter on OUT.part, finished on every way out and renamed to OUT when nothing went
+    wrong.
+
+    The header's profile is that of the inputs where they agree on one.
+    """
+    path = Path(path)
+    for records in inputs:
+        if path.exists() and records.path.exists() and path.samefile(records.path):
+            raise UsageError(f"{path} is an input: name another output")
+    if path.exists() and not overwrite:
+        raise UsageError(f"{path} exists: name another output or give --overwrite")
+    part = path.with_name(path.name + ".part")
+    profiles = {records.profile for records in inputs}
+    try:
+        with part.open("wb") as file:
+            writer = SharedWriter(file, compression)
+            writer.start(profiles.pop() if len(profiles) == 1 else "", LIBRARY)
+            try:
+                yield writer
+            finally:
+                writer.finish()  # type: ignore[no-untyped-call]
+        part.replace(path)
+    except OSError as error:
+        raise OutputError(f"{error.filename or part}: cannot be written: {error.strerror}") from error
+
+
+def in_range(stamp_ns: int, name: str) -> int:
+    """The stamp, when MCAP can hold it. Raises UsageError."""
+    if not 0 <= stamp_ns < 1 << 64:
+        raise UsageError(
+            f"{name}: the offset moves a stamp to {stamp_ns} ns, before 1970: MCAP has no such time"
+        )
+    return stamp_ns

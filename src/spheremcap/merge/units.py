@@ -1,0 +1,56 @@
+"""Units that sensor files come in, to SI."""
+
+import math
+
+from spheremcap.errors import UsageError
+
+G = 9.80665
+_DEG = math.pi / 180
+
+UNITS: dict[str, dict[str, float]] = {
+    "linear_acceleration": {"m/s2": 1, "m/s/s": 1, "ms-2": 1, "mps2": 1, "mm/s2": 1e-3, "g": G, "mg": G / 1000},
+    "angular_velocity": {
+        "rad/s": 1, "rads": 1, "rps": 1, "mrad/s": 1e-3, "deg/s": _DEG, "d/s": _DEG, "dps": _DEG,
+        "mdps": _DEG / 1000, "degs": _DEG, "rpm": math.pi / 30, "rev/s": 2 * math.pi, "hz": 2 * math.pi,
+    },
+    "magnetic_field": {"t": 1, "mt": 1e-3, "ut": 1e-6, "nt": 1e-9, "g": 1e-4, "gauss": 1e-4, "mgauss": 1e-7},
+    "orientation": {"1": 1},
+    "temperature": {"c": 1, "celsius": 1},
+    "angle": {"rad": 1, "deg": _DEG, "rev": 2 * math.pi, "turn": 2 * math.pi},
+    "force": {"n": 1, "kn": 1e3, "lbf": 4.4482216152605, "kgf": G},
+    "moment": {"nm": 1, "nmm": 1e-3, "kgfm": G},
+    "length": {"m": 1, "cm": 1e-2, "mm": 1e-3, "in": 0.0254},
+}  # fmt: skip
+UNITS["rate"] = UNITS["angular_velocity"]
+TIME_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
+
+_SAME = str.maketrans(
+    {"µ": "u", "μ": "u", "²": "2", "°": "deg", "·": "", "^": "", "(": "", ")": "", "*": "", " ": ""}
+)
+
+
+def plain(unit: str) -> str:
+    """A unit as the tables here spell it: `m/(s^2)*` is m/s2, `°/s` deg/s, `N·m` nm."""
+    text = unit.strip().translate(_SAME).lower()
+    for long, short in (("degrees", "deg"), ("degree", "deg"), ("seconds", "s"), ("second", "s"), ("sec", "s")):
+        text = text.replace(long, short)
+    return {"degc": "c"}.get(text, text).replace(".", "")
+
+
+def factor(quantity: str, unit: str, where: str) -> float:
+    """What a number in `unit` is multiplied with to be SI. Raises UsageError naming `where` and what there
+    is.
+    """
+    known = UNITS[quantity]
+    value = known.get(plain(unit))
+    if value is None:
+        what = f"unit {unit!r} is none of" if unit.strip() else "has no unit; give one of"
+        raise UsageError(f"{where}: {what} {', '.join(known)} ({quantity.replace('_', ' ')})")
+    return value
+
+
+def is_unit(text: str) -> bool:
+    """Whether a cell of a units row is a unit, known here or not."""
+    bare = plain(text)
+    known = any(bare in table for table in UNITS.values()) or bare in TIME_UNITS
+    return known or bare in ("", "au", "nounits", "unitless", "localflux", "kpa", "hpa", "pa", "mv", "v", "%")

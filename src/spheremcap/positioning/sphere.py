@@ -1,0 +1,178 @@
+"""A sphere's outline and its centre: a cone of rays tangent to the sphere (docs/method.md section 4).
+
+Everything is in the camera's optical frame (x right, y down, z forward), metres, radians; picture points in pixels.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from spheremcap.core.camera import Camera
+from spheremcap.core.circle import Circle
+from spheremcap.core.stage import StageConfig
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class PositionConfig(StageConfig):
+    """How a marker's place in metres is found from its outline."""
+
+    formula: Literal["edges", "circle", "thesis"] = Field(
+        "edges",
+        description="edges: tangent cone through the edge points; circle: Penne et al. 2019 from area and centre; "
+        "thesis: eq 3.12 with the constant below",
+    )
+    thesis_constant_px: float = Field(1211.27, gt=0, description="f / (2 l_p) of eq 3.12, for `thesis`")
+    thesis_size: Literal["radius", "diameter"] = Field("diameter", description="what l_o of eq 3.12 is")
+    systematic_px: float = Field(
+        0.03, ge=0, description="error shared by all edge points (shading, codec), added to the covariance; measured"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SphereFit:
+    """A sphere's centre from edge rays: `xyz_cam_m` (3,), `covariance_m2` (3, 3), the rays' final robust weights (N,)
+    in [0, 1] and residuals (N,) in units of each ray's standard deviation."""
+
+    xyz_cam_m: FloatArray
+    covariance_m2: FloatArray
+    weights: FloatArray
+    residuals: FloatArray
+
+
+def outline_rays(xyz_cam_m: FloatArray, radius_m: float, count: int) -> FloatArray:
+    """Unit rays (count, 3) tangent to the sphere, evenly spread around its axis. Needs |xyz| > radius."""
+    distance = float(np.linalg.norm(xyz_cam_m))
+    axis = xyz_cam_m / distance
+    sin_a = radius_m / distance
+    cos_a = math.sqrt(1 - sin_a * sin_a)
+    # u lies in the picture's x direction and v in y, so that ray 0 leaves to the right and they run clockwise.
+    u = np.array([axis[2], 0.0, -axis[0]])
+    u /= np.linalg.norm(u)
+    v = np.cross(axis, u)
+    phi = np.arange(count) * (2 * np.pi / count)
+    return cos_a * axis + sin_a * (np.cos(phi)[:, None] * u + np.sin(phi)[:, None] * v)
+
+
+def outline_px(xyz_cam_m: FloatArray, radius_m: float, camera: Camera, count: int = 72) -> FloatArray:
+    """The sphere's outline as picture points (count, 2) in pixels, through the lens."""
+    return camera.project(outline_rays(xyz_cam_m, radius_m, count))
+
+
+def polygon_circle(points_px: FloatArray) -> Circle:
+    """The circle with the area and the centroid of a closed polygon (N, 2): an outline's equal-area circle."""
+    x, y = points_px[:, 0], points_px[:, 1]
+    x0, y0 = x.mean(), y.mean()
+    x, y = x - x0, y - y0
+    xn, yn = np.roll(x, -1), np.roll(y, -1)
+    cross = x * yn - xn * y
+    area = cross.sum() / 2
+    # A regular N-gon inside a circle has (N / 2 pi) sin(2 pi / N) of its area.
+    step = 2 * math.pi / len(x)
+    share = math.sin(step) / step
+    cx, cy = ((x + xn) * cross).sum() / (6 * area), ((y + yn) * cross).sum() / (6 * area)
+    return Circle(float(cx + x0), float(cy + y0), math.sqrt(abs(area) / share / math.pi))
+
+
+def circle_of_sphere(xyz_cam_m: FloatArray, radius_m: float, camera: Camera) -> Circle | None:
+    """The equal-area circle of the sphere's image, in pixels; None when the sphere is not wholly before the camera."""
+    if xyz_cam_m[2] <= radius_m * 1.01:
+        return None
+    points = outline_px(xyz_cam_m, radius_m, camera, 36)
+    return polygon_circle(points) if np.isfinite(points).all() else None
+
+
+def sphere_of_circle(circle: Circle, radius_m: float, camera: Camera) -> FloatArray:
+    """The sphere's centre (3,) from an outline's area and centre (Penne, Ribbens, Roios, IJCV 2019).
+
+    u^3 + (1 + |c|^2) u^2 - s^2 u - s^2 = 0 with u = b^2, b the semi-minor axis, pi s the area and c the centre of the
+    outline in undistorted normalised coordinates; Z = R sqrt(1 + 1/u), (X, Y) = c (Z^2 - R^2) / Z.
+    """
+    phi = np.arange(48) * (2 * np.pi / 48)
+    points = circle.r_px * np.stack([np.cos(phi), np.sin(phi)], axis=1) + (circle.x_px, circle.y_px)
+    flat = polygon_circle(camera.normalise(points))
+    c = np.array([flat.x_px, flat.y_px])
+    s = flat.r_px**2
+    roots = np.roots([1.0, 1.0 + c @ c, -(s * s), -(s * s)])
+    u = float(roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)].real.max())
+    z = radius_m * math.sqrt(1 + 1 / u)
+    xy = c * (z * z - radius_m**2) / z
+    return np.array([xy[0], xy[1], z])
+
+
+def thesis_position(circle: Circle, size_m: float, constant_px: float, camera: Camera) -> FloatArray:
+    """Eq 3.12: the distance d = constant * l_o / r along the ray through the circle's centre."""
+    ray: FloatArray = camera.rays(np.array([[circle.x_px, circle.y_px]]))[0]
+    return ray * (constant_px * size_m / circle.r_px)
+
+
+def fit_cone(rays: FloatArray, weights: FloatArray, radius_m: float) -> FloatArray:
+    """The sphere's centre (3,) by weighted least squares on n . q_i = 1 (docs/method.md 4c); closed form.
+
+    Raises numpy.linalg.LinAlgError when the rays lie in one plane through the camera.
+    """
+    scaled = rays * weights[:, None]
+    n = np.linalg.solve(scaled.T @ rays, scaled.sum(axis=0))
+    length = float(np.linalg.norm(n))  # 1 / cos(alpha)
+    cos_a = 1 / length
+    sin_a = math.sqrt(max(1e-18, 1 - cos_a * cos_a))
+    return (n / length) * (radius_m / sin_a)
+
+
+def fit_sphere(
+    rays: FloatArray,
+    sd_rad: FloatArray,
+    radius_m: float,
+    start_m: FloatArray,
+    loose: float = 3.0,
+    rounds: int = 6,
+) -> SphereFit | None:
+    """The sphere whose tangent cone runs through the edge rays (N, 3), robustly; None when it does not converge.
+
+    Gauss-Newton on the angle between each ray and the cone, in units of the ray's standard deviation `sd_rad` (N,),
+    with Geman-McClure weights whose scale falls from `loose` to 3 standard deviations, so that points on an occluder
+    lose their say. The covariance is that of the weighted fit, widened when the residuals are larger than stated.
+    """
+    centre = start_m.astype(np.float64).copy()
+    weights = np.ones(len(rays))
+    scales = np.geomspace(max(loose, 3.0), 3.0, rounds - 2).tolist() + [3.0, 3.0]
+    information = np.zeros((3, 3))
+    for scale in scales:
+        residual, jacobian = _cone_residual(rays, centre, radius_m)
+        residual, jacobian = residual / sd_rad, jacobian / sd_rad[:, None]
+        weights = 1.0 / (1.0 + (residual / scale) ** 2) ** 2
+        weighted = jacobian * weights[:, None]
+        information = weighted.T @ jacobian
+        try:
+            step = np.linalg.solve(information, weighted.T @ residual)
+        except np.linalg.LinAlgError:
+            return None
+        length = float(np.linalg.norm(centre))
+        step *= min(1.0, 0.3 * length / max(1e-12, float(np.linalg.norm(step))))
+        centre = centre - step
+        if centre[2] <= radius_m or not np.isfinite(centre).all():
+            return None
+    residual = _cone_residual(rays, centre, radius_m)[0] / sd_rad
+    effective = float(weights.sum())
+    if effective < 5:
+        return None
+    spread = float((weights * residual**2).sum()) / max(1.0, effective - 3)
+    covariance = np.linalg.inv(information) * max(1.0, spread)
+    return SphereFit(centre, covariance, weights, residual)
+
+
+def _cone_residual(rays: FloatArray, centre: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray]:
+    """Angle of each ray outside the tangent cone (N,), radians, and its derivative by the centre (N, 3), rad/m."""
+    distance = float(np.linalg.norm(centre))
+    axis = centre / distance
+    along = rays @ axis
+    aside = rays - along[:, None] * axis
+    sin_psi = np.maximum(np.linalg.norm(aside, axis=1), 1e-12)
+    ratio = min(radius_m / distance, 0.999999)
+    residual = np.arctan2(sin_psi, along) - math.asin(ratio)
+    jacobian = -aside / (distance * sin_psi)[:, None] + axis * (ratio / distance / math.sqrt(1 - ratio * ratio))
+    return residual, jacobian

@@ -1,0 +1,195 @@
+"""What is behind the markers: drifting photographs that scikit-image ships, a racer's body. 8-bit sRGB."""
+
+from collections.abc import Sequence
+from functools import cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from spheremcap.core.camera import Camera
+from spheremcap.core.frame import BgrImage
+from spheremcap.synth.kinematics import chair_to_camera, joint_chair_m, wave
+from spheremcap.synth.parts import Athlete, Backdrop, Vibration
+
+FloatArray = npt.NDArray[np.float64]
+PHOTOGRAPHS = ("motorcycle", "rocket", "coffee", "chelsea", "astronaut", "brick", "grass", "gravel")
+_MARGIN_PX = 96
+
+
+@cache
+def photograph(name: str) -> BgrImage:
+    """A photograph from scikit-image's wheel (no download), (height, width, 3) BGR."""
+    from skimage import data
+
+    given = getattr(data, "stereo_motorcycle" if name == "motorcycle" else name)()
+    image = given[0] if isinstance(given, tuple) else given
+    if image.ndim == 2:
+        image = np.repeat(image[..., None], 3, axis=2)
+    return np.ascontiguousarray(image[..., ::-1])
+
+
+class Canvas:
+    """A photograph enlarged and mirrored until it fills the picture and its drift, cut out where it is at a
+    time.
+    """
+
+    def __init__(self, backdrop: Backdrop, camera: Camera, vibration: Vibration) -> None:
+        self.backdrop, self.camera, self.vibration = backdrop, camera, vibration
+        photo = photograph(backdrop.photograph)
+        size = [round(backdrop.enlarge * side) for side in photo.shape[1::-1]]
+        large = cv2.resize(photo, size, interpolation=cv2.INTER_CUBIC)
+        # Enlarging leaves no fine detail: a little gravel at its own scale puts some back.
+        gravel = photograph("gravel")[..., 0].astype(np.float32) - 128
+        self.margin = tuple(int(_MARGIN_PX + abs(d)) for d in backdrop.drift_px)
+        height, width = camera.height_px + 2 * self.margin[1], camera.width_px + 2 * self.margin[0]
+        top, left = max(0, (height - size[1]) // 2), max(0, (width - size[0]) // 2)
+        wide = cv2.copyMakeBorder(
+            large,
+            top,
+            max(0, height - size[1] - top),
+            left,
+            max(0, width - size[0] - left),
+            cv2.BORDER_REFLECT_101,
+        )
+        y, x = (wide.shape[0] - height) // 2, (wide.shape[1] - width) // 2
+        wide = wide[y : y + height, x : x + width].astype(np.float32)
+        tiles = np.tile(gravel, (height // 512 + 1, width // 512 + 1))[:height, :width]
+        wide = wide * backdrop.brightness + 0.05 * tiles[..., None]
+        self.image: BgrImage = np.clip(wide, 0, 255).astype(np.uint8)
+
+    def shift_px(self, t_s: float) -> tuple[float, float]:
+        """Where the canvas has moved to, in pixels: its own drift and the mount's rotation."""
+        t = np.array([t_s])
+        turn, _ = self.vibration.at(t)
+        dx = wave(t, self.backdrop.drift_px[0], self.backdrop.drift_hz[0])[0] + self.camera.fx_px * turn[0, 1]
+        dy = (
+            wave(t, self.backdrop.drift_px[1], self.backdrop.drift_hz[1], 1.0)[0]
+            - self.camera.fy_px * turn[0, 0]
+        )
+        return float(dx), float(dy)
+
+    def view(self, t_s: float, exposure_s: float) -> BgrImage:
+        """The picture's backdrop (height, width, 3) BGR; a shift of over half a pixel while exposed is
+        blurred.
+        """
+        first, last = self.shift_px(t_s - exposure_s / 2), self.shift_px(t_s + exposure_s / 2)
+        if max(abs(first[0] - last[0]), abs(first[1] - last[1])) < 0.5:
+            return self._cut(*self.shift_px(t_s))
+        ends = [
+            self._cut(first[0] + f * (last[0] - first[0]), first[1] + f * (last[1] - first[1]))
+            for f in (0.25, 0.75)
+        ]
+        return cv2.addWeighted(ends[0], 0.5, ends[1], 0.5, 0)  # type: ignore[return-value]
+
+    def _cut(self, dx: float, dy: float) -> BgrImage:
+        x, y = self.margin[0] - dx, self.margin[1] - dy
+        x = min(max(x, 0.0), 2.0 * self.margin[0] - 1)
+        y = min(max(y, 0.0), 2.0 * self.margin[1] - 1)
+        j, i = int(x), int(y)
+        fx, fy = x - j, y - i
+        height, width = self.camera.height_px, self.camera.width_px
+        region = self.image[i : i + height + 1, j : j + width + 1]
+        move = np.array([[1, 0, fx], [0, 1, fy]], np.float64)
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        return cv2.warpAffine(region, move, (width, height), flags=flags)  # type: ignore[return-value]
+
+
+class Body:
+    """The racer, drawn as tapered limbs with three tones each: scenery for the markers, not a model of an
+    arm.
+    """
+
+    _INSTANTS = 4
+
+    def __init__(self, athlete: Athlete, camera: Camera, vibration: Vibration, row_s: float) -> None:
+        self.athlete, self.camera, self.vibration, self.row_s = athlete, camera, vibration, row_s
+
+    def draw(self, picture: BgrImage, t_s: float, exposure_s: float) -> BgrImage:
+        """The picture with the body over it, its blur as the mean of a few instants of the exposure."""
+        steps = (np.arange(self._INSTANTS) + 0.5) / self._INSTANTS - 0.5
+        drawn = [self._draw(picture.copy(), t_s + exposure_s * float(s)) for s in steps]
+        while len(drawn) > 1:
+            drawn = [cv2.addWeighted(a, 0.5, b, 0.5, 0) for a, b in zip(drawn[::2], drawn[1::2], strict=True)]  # type: ignore[misc]
+        return drawn[0]
+
+    def _joint(self, name: str, t_s: float) -> tuple[FloatArray, float]:
+        """A joint's pixel (2,) and the pixels in a metre there, when the row it is on is exposed."""
+        t = t_s
+        for _ in range(3):
+            chair = joint_chair_m(name, np.array([t + self.athlete.start_s])) - (0.025, 0.0, 0.0)
+            xyz = self.vibration.move(chair_to_camera(chair), np.array([t]))
+            pixel = self.camera.project(xyz)[0]
+            t = t_s + (float(np.clip(pixel[1], -500, 1500)) - (self.camera.height_px - 1) / 2) * self.row_s
+        return pixel, self.camera.fx_px / float(np.linalg.norm(xyz))
+
+    def _draw(self, picture: BgrImage, t_s: float) -> BgrImage:
+        skin, jersey = self.athlete.skin[::-1], self.athlete.jersey[::-1]
+        joints = {
+            f"{s}_{j}": self._joint(f"{s}_{j}", t_s)
+            for s in ("left", "right")
+            for j in ("shoulder", "elbow", "wrist")
+        }
+        (left, scale), (right, _) = joints["left_shoulder"], joints["right_shoulder"]
+        neck = (left + right) / 2
+        waist = np.array([[-0.14, 0.62], [0.14, 0.62]]) * scale
+        trunk = np.stack([left, right, *(neck + waist)])
+        for tone, wide in ((0.75, 1.0), (1.0, 0.8)):
+            middle = trunk.mean(axis=0)
+            _fill(picture, (trunk - middle) * (wide, 1.0) + middle, [c * tone for c in jersey])
+        for side in ("left", "right"):
+            shoulder, elbow, wrist = (joints[f"{side}_{j}"] for j in ("shoulder", "elbow", "wrist"))
+            for (p, at_p), (q, at_q), thick, colour in (
+                (shoulder, elbow, (0.058, 0.044), jersey), (elbow, wrist, (0.044, 0.032), skin),
+            ):  # fmt: skip
+                for tone, wide in ((0.62, 1.0), (0.85, 0.78), (1.0, 0.45)):
+                    _limb(
+                        picture,
+                        p,
+                        q,
+                        thick[0] * wide * at_p,
+                        thick[1] * wide * at_q,
+                        [c * tone for c in colour],
+                    )
+            forearm = wrist[0] - elbow[0]
+            hand = wrist[0] + forearm / max(float(np.linalg.norm(forearm)), 1.0) * 0.06 * wrist[1]
+            _limb(picture, wrist[0], hand, 0.036 * wrist[1], 0.042 * wrist[1], (34, 30, 30))
+        head = neck - (0.0, 0.13 * scale)
+        axes = np.array([0.075, 0.1]) * scale * 1.15
+        for centre, size, colour in (
+            (head, axes, skin),
+            (head - (0, 0.045 * scale), axes * (1.12, 0.72), (196, 190, 186)),
+        ):
+            cv2.ellipse(
+                picture,
+                _fixed(centre),
+                _fixed(size),
+                0,
+                0,
+                360,
+                [float(c) for c in colour],
+                -1,
+                cv2.LINE_AA,
+                4,
+            )
+        return picture
+
+
+def _fixed(point: FloatArray) -> tuple[int, int]:
+    """A point in OpenCV's fixed-point pixels with four fractional bits."""
+    x, y = np.rint(np.clip(point, -4000, 6000) * 16).astype(int)
+    return int(x), int(y)
+
+
+def _fill(picture: BgrImage, corners: FloatArray, colour: Sequence[float]) -> None:
+    points = np.rint(np.clip(corners, -4000, 6000) * 16).astype(np.int32)
+    cv2.fillConvexPoly(picture, cv2.convexHull(points), colour, cv2.LINE_AA, 4)
+
+
+def _limb(
+    picture: BgrImage, p: FloatArray, q: FloatArray, rp: float, rq: float, colour: Sequence[float]
+) -> None:
+    """A tapered capsule from p to q (2,) with the radii rp and rq, in pixels."""
+    phi = np.arange(24) * (2 * np.pi / 24)
+    circle = np.stack([np.cos(phi), np.sin(phi)], axis=1)
+    _fill(picture, np.concatenate([p + rp * circle, q + rq * circle]), colour)

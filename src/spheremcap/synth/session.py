@@ -1,0 +1,199 @@
+"""Writes a rendered session to a folder: the video, its truth, settings and seeds."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from spheremcap.core.circle import Circle
+from spheremcap.core.frame import BgrImage
+from spheremcap.core.marker import Seed
+from spheremcap.synth.parts import World
+from spheremcap.synth.scenarios import build
+from spheremcap.synth.scene import MarkerTruth, Scene
+
+TRUTH_COLUMNS = (
+    "frame", "stamp_ns", "marker", "x_px", "y_px", "r_px",
+    "ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_rad",
+    "x_cam_m", "y_cam_m", "z_cam_m", "vx", "vy", "vz", "visible", "in_picture", "centre_x_px", "centre_y_px",
+)  # fmt: skip
+MEGABITS = 60
+"""Bit rate of an action camera at 1280x720 and 240 frames/s, in Mbit/s."""
+_CLICK_PX = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class SynthSession:
+    """Where a rendered session's files are, and the seeds that a person would have given."""
+
+    scenario: str
+    folder: Path
+    video: Path
+    truth: Path
+    settings: Path
+    seeds_file: Path
+    seeds: tuple[Seed, ...]
+    frames: int
+
+
+def render(
+    scenario: str,
+    folder: Path | str,
+    *,
+    seed: int = 0,
+    frames: int | None = None,
+    megabits: float = MEGABITS,
+    progress: Callable[[int, int], None] | None = None,
+) -> SynthSession:
+    """Render a scenario into `folder` (made if missing): session.mp4, truth.csv, settings.toml, seeds.toml.
+
+    The same scenario, seed, frames and megabits (Mbit/s at 240 frames/s) give the same bytes. `progress` is
+    called with (frames done, frames in all). truth.csv has the columns `TRUTH_COLUMNS`, a row per frame and
+    marker, in pixels, metres, m/s and radians, empty where there is no value; what instant it is of is said
+    in `scene`. Raises KeyError for an unknown scenario and OSError when the folder cannot be written.
+    """
+    world = build(scenario, seed=seed, frames=frames)
+    scene = Scene(world)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    video, truth = folder / "session.mp4", folder / "truth.csv"
+    seeds: dict[str, Seed] = {}
+    clicks = np.random.default_rng([seed, 40_961])
+    with encoder(video, world, megabits) as write, truth.open("w", encoding="utf-8", newline="\n") as table:
+        table.write(",".join(TRUTH_COLUMNS) + "\n")
+        for index, (picture, stamp_ns, truths) in enumerate(scene.frames()):
+            write(picture, world.ticks[index])
+            for marker in truths:
+                table.write(truth_row(index, stamp_ns, marker) + "\n")
+                if marker.marker not in seeds and marker.circle is not None and marker.visible == 1.0:
+                    seeds[marker.marker] = Seed(marker.marker, index, _click(marker.circle, clicks))
+            if progress is not None:
+                progress(index + 1, len(scene))
+    given = tuple(seeds[ball.name] for ball in world.markers if ball.name in seeds)
+    settings, seeds_file = folder / "settings.toml", folder / "seeds.toml"
+    settings.write_text(settings_toml(world), encoding="utf-8", newline="\n")
+    seeds_file.write_text(seeds_toml(given), encoding="utf-8", newline="\n")
+    return SynthSession(scenario, folder, video, truth, settings, seeds_file, given, len(scene))
+
+
+def truth_row(index: int, stamp_ns: int, truth: MarkerTruth) -> str:
+    """One line of truth.csv."""
+    numbers: list[float | None] = [None] * 8
+    centre: tuple[float | None, float | None] = (None, None)
+    if truth.circle is not None and truth.ellipse is not None:
+        c, e = truth.circle, truth.ellipse
+        numbers = [c.x_px, c.y_px, c.r_px, e.x_px, e.y_px, e.a_px, e.b_px, e.angle_rad]
+        centre = truth.centre_px or centre
+    cells = [str(index), str(stamp_ns), truth.marker]
+    cells += [_number(x, 5) for x in numbers]
+    cells += [_number(x, 7) for x in truth.xyz_cam_m] + [_number(x, 5) for x in truth.velocity_cam_mps]
+    cells += [_number(truth.visible, 4), str(int(truth.in_picture)), *(_number(x, 5) for x in centre)]
+    return ",".join(cells)
+
+
+def settings_toml(world: World) -> str:
+    """The settings of a session: its camera and its markers."""
+    c = world.camera
+    lines = [
+        "[camera]", f"width_px = {c.width_px}", f"height_px = {c.height_px}",
+        f"fx_px = {c.fx_px!r}", f"fy_px = {c.fy_px!r}", f"cx_px = {c.cx_px!r}", f"cy_px = {c.cy_px!r}",
+        f'model = "{c.model}"', f"distortion = [{', '.join(repr(k) for k in c.distortion)}]",
+        f"exposure_s = {world.sensor.exposure_s:.9g}",
+    ]  # fmt: skip
+    for ball in world.markers:
+        lines += ["", "[[markers]]", f'name = "{ball.name}"', f"diameter_m = {ball.diameter_m!r}"]
+    return "\n".join(lines) + "\n"
+
+
+def seeds_toml(seeds: tuple[Seed, ...]) -> str:
+    """Seeds as a readable file."""
+    lines: list[str] = []
+    for s in seeds:
+        lines += ["[[seeds]]", f'marker = "{s.marker}"', f"frame = {s.frame_index}"]
+        lines += [f"x_px = {s.circle.x_px:g}", f"y_px = {s.circle.y_px:g}", f"r_px = {s.circle.r_px:g}", ""]
+    return "\n".join(lines)
+
+
+def _click(circle: Circle, rng: np.random.Generator) -> Circle:
+    """What a person clicks: off by up to 0.7 px in each number, and in whole pixels."""
+    dx, dy, dr = rng.uniform(-_CLICK_PX, _CLICK_PX, 3)
+    return Circle(
+        float(round(circle.x_px + dx)), float(round(circle.y_px + dy)), float(max(1, round(circle.r_px + dr)))
+    )
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None or not np.isfinite(value) else f"{value:.{digits}f}"
+
+
+@contextmanager
+def encoder(
+    path: Path, world: World, megabits: float = MEGABITS
+) -> Iterator[Callable[[BgrImage, int], None]]:
+    """An H.264 file as an action camera writes it; call the result with (picture, container ticks).
+
+    High profile, 4:2:0 with chroma left of centre, BT.709 limited range, no B-frames, a key frame every 60
+    frames. The bit rate is `megabits` Mbit/s at 240 frames/s and falls with the frame rate as the bits of a
+    frame stay.
+    """
+    import av
+
+    ticks = np.diff(world.ticks) if len(world.ticks) > 1 else np.array([1001])
+    rate = 1 / (world.time_base * int(np.median(ticks)))
+    container = av.open(
+        str(path), "w", format="mp4", options={"fflags": "+bitexact", "movflags": "+faststart"}
+    )
+    stream = container.add_stream("libx264", rate=rate)
+    context = stream.codec_context
+    stream.width, stream.height, stream.pix_fmt = world.camera.width_px, world.camera.height_px, "yuv420p"
+    context.time_base = stream.time_base = world.time_base
+    context.bit_rate = round(megabits * 1e6 * float(rate) / 240)
+    context.gop_size, context.max_b_frames, context.thread_count = 60, 0, 1
+    context.color_range, context.colorspace = (
+        av.video.reformatter.ColorRange.MPEG,
+        av.video.reformatter.Colorspace.ITU709,
+    )
+    context.color_primaries, context.color_trc = 1, 1
+    context.options = {"preset": "veryfast", "profile": "high", "flags": "+bitexact"}
+
+    def write(picture: BgrImage, pts: int) -> None:
+        planes = to_yuv420(picture)
+        frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
+        frame.pts, frame.time_base = pts, world.time_base
+        frame.color_range, frame.colorspace = context.color_range, context.colorspace
+        container.mux(stream.encode(frame))
+
+    try:
+        yield write
+        container.mux(stream.encode(None))
+    finally:
+        container.close()
+
+
+_KR, _KB = 0.2126, 0.0722
+_TO_YUV = np.array(
+    [
+        [_KB * 219, (1 - _KR - _KB) * 219, _KR * 219, 16 * 255],
+        [112, -(1 - _KR - _KB) / (1 - _KB) * 112, -_KR / (1 - _KB) * 112, 128 * 255],
+        [-_KB / (1 - _KR) * 112, -(1 - _KR - _KB) / (1 - _KR) * 112, 112, 128 * 255],
+    ]
+) / 255  # fmt: skip
+"""BGR in 0..255 to BT.709 limited-range Y, Cb, Cr (3, 4: the last column is the offset)."""
+
+
+def to_yuv420(picture: BgrImage) -> npt.NDArray[np.uint8]:
+    """(height, width, 3) BGR -> (height * 3 / 2, width) Y, Cb, Cr planes, chroma sited left (MPEG-2, H.264's
+    default).
+    """
+    height, width = picture.shape[:2]
+    yuv = cv2.transform(picture, _TO_YUV)
+    # Chroma belongs to even columns and lies between the rows: weights 1 2 1 across, 1 1 down.
+    soft = cv2.sepFilter2D(yuv[..., 1:], -1, np.array([0.25, 0.5, 0.25]), np.array([0.5, 0.5]), anchor=(1, 0))
+    chroma = soft[::2, ::2]
+    return np.concatenate([yuv[..., 0].ravel(), chroma[..., 0].ravel(), chroma[..., 1].ravel()]).reshape(
+        -1, width
+    )[: height * 3 // 2]
