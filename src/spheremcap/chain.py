@@ -101,10 +101,11 @@ class MarkerChain:
         self._template: Template | None = None
         self._box: ColourBox | None = None
         self._box_value = self._gain = 1.0
-        self._seed_share = 1.0
+        self._seed_shares = (1.0, 0.0)
+        self._seed_template: Template | None = None
         self._status = Status.LOST
         self._last: Circle | None = None  # as last verified
-        self._last_xyz = np.zeros(3)
+        self._verified = 0
         self._last_stamp_ns = 0
         self._before: tuple[Patch, Circle] | None = None  # the previous frame's, when it was verified
 
@@ -124,12 +125,13 @@ class MarkerChain:
         if measured is None or measured.circle.dice(circle) < 0.7:
             xyz = sphere_of_circle(circle, self.spec.radius_m, self.camera)
             sd = np.array([1.0, 1.0, 1.0])  # a careful click is good to about a pixel
-            covariance = self._circle_covariance(circle, sd)
+            covariance = self._circle_covariance(circle, xyz, sd)
             measured = _Measured(circle, (1.0, 1.0, 1.0), xyz, covariance, 0.0, "seed", _NO_EDGES, np.zeros(0))
         pixels = disc_pixels(patch, measured.circle, self.config.colour.sample)
         self._box = learn_box(pixels, self.config.colour)
         self._box_value = max(1.0, float(np.median(pixels[:, 2])))
-        self._seed_share = max(0.2, self._colour_share(patch, measured.circle))
+        self._seed_shares = self._colour_shares(patch, measured.circle)
+        self._seed_template = make_template(patch, measured.circle, self.config.matching)
         self._track.start(frame.stamp_ns, measured.xyz_cam_m, measured.covariance_m2)
         self._accept(frame, patch, measured, Status.SEEDED)
         self.view = None
@@ -162,12 +164,17 @@ class MarkerChain:
 
         # What is there: circles by gradient and by colour, then sub-pixel edges on whichever has an outline.
         mask = self._mask(patch, followed)
-        hough = hough_circles(patch, r_px, self.config.hough) if self.config.hough.enabled else ()
+        hough = hough_circles(patch, followed, self.config.hough) if self.config.hough.enabled else ()
         colour = colour_circle(mask, patch, predicted) if mask is not None else None
         proposals = [("kcf", followed), ("prediction", predicted)]
         proposals += [("colour", colour)] if colour is not None else []
         proposals += [("hough", hough[0])] if hough else []
-        claim = self._claim(patch, proposals, blur_px, mask)
+        close = self._close(predicted)
+        claim = None
+        if 3 * spread_px < close and predicted.dice(followed) > 0.8:  # all agree: one look close by will do
+            claim = self._refine(patch, predicted, "prediction", close, blur_px, mask)
+        if claim is None or claim.visible < 0.6:
+            claim = self._claim(patch, proposals, blur_px, mask)
         return self._decide(frame, patch, predicted, reach, claim, proposals, mask, hough, keep_view)
 
     def _search(self, frame: Frame, keep_view: bool) -> MarkerEstimate:
@@ -204,6 +211,8 @@ class MarkerChain:
         circle = circle_of_sphere(xyz, self.spec.radius_m, self.camera)
         if circle is None:
             return None, 0.0, (0.0, 0.0)
+        if self._last is not None:  # a wild depth must not make a wild patch
+            circle = replace(circle, r_px=float(np.clip(circle.r_px, self._last.r_px / 2, self._last.r_px * 2)))
         lateral_m = float(np.sqrt(max(moment.covariance[0, 0], moment.covariance[1, 1])))
         blur = self.camera.project(xyz + np.outer((-0.5, 0.5), velocity * self.exposure_s))
         dx, dy = blur[1] - blur[0]
@@ -252,36 +261,49 @@ class MarkerChain:
         blur_px: tuple[float, float],
         mask: npt.NDArray[np.uint8] | None,
     ) -> _Measured | None:
-        """Edges around a circle, the sphere through them, then once more close by; None when there is no outline."""
+        """Edges around a circle and the sphere through them: a coarse look up to `reach_px` away, unless that is close,
+        then fine ones close by until the circle rests. None when there is no outline."""
         radius, camera, config = self.spec.radius_m, self.camera, self.config
         xyz = sphere_of_circle(circle, radius, camera)
-        for coarse, reach in ((True, reach_px), (False, 1.5)):
+        close = self._close(circle)
+        found = circle
+        for look in range(3):
+            coarse = look == 0 and reach_px > close
             outline = outline_px(xyz, radius, camera, config.edge.rays // 2 if coarse else config.edge.rays)
             if not np.isfinite(outline).all():
                 return None
+            reach = reach_px if coarse else close
             edges = find_edges(patch, outline, circle.r_px, reach, blur_px, mask, config.edge, coarse)
             if edges is None:
                 return None
             rays = camera.rays(edges.points_px)
-            sd_rad = edges.sd_px / camera.fx_px
-            fit = fit_sphere(rays, sd_rad, radius, xyz, loose=reach / 0.1)
+            fit = fit_sphere(rays, edges.sd_px / camera.fx_px, radius, xyz, loose=reach / 0.1)
             if fit is None:
                 return None
-            xyz = fit.xyz_cam_m
-        found = circle_of_sphere(xyz, radius, camera)
-        if found is None or not 0.5 < found.r_px / circle.r_px < 2 or found.distance(circle) > 1.5 * circle.r_px:
-            return None
-        near = np.abs(edges.offset_px) < 1.5
-        visible = float(((fit.weights > 0.3) & near).sum()) / config.edge.rays
-        covariance = fit.covariance_m2 + self._circle_covariance(found, np.full(3, config.position.systematic_px))
+            before, xyz = found, fit.xyz_cam_m
+            seen = circle_of_sphere(xyz, radius, camera)
+            if seen is None or not 0.5 < seen.r_px / circle.r_px < 2:
+                return None
+            found = seen
+            if found.distance(circle) > 1.5 * circle.r_px:
+                return None
+            if not coarse and found.distance(before) + abs(found.r_px - before.r_px) < _SETTLED_PX:
+                break
+        visible = float((fit.weights > 0.3).sum()) / config.edge.rays
+        covariance = fit.covariance_m2 + self._circle_covariance(found, xyz, np.full(3, config.position.systematic_px))
         if config.position.formula == "circle":
             xyz = sphere_of_circle(found, radius, camera)
         elif config.position.formula == "thesis":
             size = radius if config.position.thesis_size == "radius" else 2 * radius
             xyz = thesis_position(found, size, config.position.thesis_constant_px, camera)
         return _Measured(
-            found, self._circle_sd(found, covariance), xyz, covariance, visible, proposer, edges, fit.weights
+            found, self._circle_sd(found, xyz, covariance), xyz, covariance, visible, proposer, edges, fit.weights
         )
+
+    @staticmethod
+    def _close(circle: Circle) -> float:
+        """How far from its outline the fine look reaches, pixels: a large marker's outline is less exactly round."""
+        return max(1.5, 0.05 * circle.r_px)
 
     def _decide(
         self,
@@ -297,11 +319,17 @@ class MarkerChain:
         lost: bool = False,
     ) -> MarkerEstimate:
         """Six votes on the claim, the verdict, and what follows from it."""
-        assert self._template is not None
         size = claim.circle.r_px if claim is not None and lost else around.r_px
-        maps = match(self._template, patch, replace(around, r_px=size), reach_px, self.config.matching)
-        votes = cast_votes(maps, claim.circle if claim is not None else None)
-        total = vote_sum(votes)
+        maps: tuple[ResponseMap, ...] = ()
+        votes: tuple[Vote, ...] = ()
+        total = -1.0
+        # A lost marker may look as it did when last verified or as it did when a person showed it.
+        for template in (self._template, self._seed_template) if lost else (self._template,):
+            assert template is not None
+            these = match(template, patch, replace(around, r_px=size), reach_px, self.config.matching)
+            cast = cast_votes(these, claim.circle if claim is not None else None)
+            if vote_sum(cast) > total:
+                maps, votes, total = these, cast, vote_sum(cast)
         verdict = judge(total, self.config.jury)
         if claim is None:
             verdict = Verdict.REJECTED
@@ -325,17 +353,21 @@ class MarkerChain:
         jury = self.config.jury
         if claim.visible < jury.visible:
             return False
-        if self.config.colour.enabled and self._colour_share(patch, claim.circle) < jury.seed_colour * self._seed_share:
-            return False
+        if self.config.colour.enabled:
+            inside, around = self._colour_shares(patch, claim.circle)
+            if inside < jury.seed_colour * self._seed_shares[0] or around > jury.seed_around + self._seed_shares[1]:
+                return False
         return lost or self._track.inside_gate(claim.xyz_cam_m, claim.covariance_m2)
 
     def _accept(self, frame: Frame, patch: Patch, measured: _Measured, status: Status) -> None:
         """Learn from a verified circle: template, filter, colour gain, size."""
         circle = measured.circle
         self._status, self.misses = status, 0
-        self._last, self._last_xyz, self._last_stamp_ns = circle, measured.xyz_cam_m, frame.stamp_ns
+        self._last, self._last_stamp_ns = circle, frame.stamp_ns
         self._template = make_template(patch, circle, self.config.matching)
-        self._kcf.train(patch, circle)
+        if self._verified % self.config.kcf.train_every == 0:
+            self._kcf.train(patch, circle)
+        self._verified += 1
         self._before = (patch, circle)
         values = patch.hsv[disc_mask(patch, circle, 0.6)][:, 2]
         if len(values):
@@ -364,7 +396,8 @@ class MarkerChain:
             moment = self._track.now
             standing_in = circle_of_sphere(moment.xyz_cam_m, self.spec.radius_m, self.camera)
             rejected = verdict is None or verdict is Verdict.REJECTED
-            if standing_in is None or not self._in_picture(frame, standing_in):
+            sure = float(moment.covariance[0, 0] ** 0.5) < 4 * self.spec.radius_m
+            if sure and (standing_in is None or not self._in_picture(frame, standing_in)):
                 self._status = Status.OUT_OF_VIEW
             elif self.misses >= policy.lost_after or (policy.immediate and rejected):
                 self._status = Status.LOST
@@ -426,33 +459,40 @@ class MarkerChain:
         """The covariance with the camera's own uncertainty: a wrong focal length scales the distance."""
         return covariance_m2 + np.outer(xyz_cam_m, xyz_cam_m) * self.camera.focal_sd**2
 
-    def _circle_covariance(self, circle: Circle, sd_px: FloatArray) -> FloatArray:
-        """Covariance (3, 3) in metres of a sphere whose circle has these standard deviations (x, y, r) in pixels."""
-        xyz = sphere_of_circle(circle, self.spec.radius_m, self.camera)
-        return _congruence(self._jacobian(circle, xyz), np.diag(sd_px**2))
+    def _circle_covariance(self, circle: Circle, xyz: FloatArray, sd_px: FloatArray) -> FloatArray:
+        """Covariance (3, 3) in metres of a sphere at `xyz` whose circle has these deviations (x, y, r) in pixels."""
+        jacobian = self._jacobian(circle, xyz) * sd_px
+        return jacobian @ jacobian.T
 
-    def _circle_sd(self, circle: Circle, covariance_m2: FloatArray) -> tuple[float, float, float]:
-        """Standard deviations (x, y, r) in pixels of a circle whose sphere has this covariance."""
-        xyz = sphere_of_circle(circle, self.spec.radius_m, self.camera)
-        variance = np.diag(_congruence(np.linalg.inv(self._jacobian(circle, xyz)), covariance_m2))
-        x, y, r = np.sqrt(np.maximum(variance, 0))
+    def _circle_sd(self, circle: Circle, xyz: FloatArray, covariance_m2: FloatArray) -> tuple[float, float, float]:
+        """Standard deviations (x, y, r) in pixels of the circle of a sphere at `xyz` with this covariance."""
+        back = np.linalg.inv(self._jacobian(circle, xyz))
+        x, y, r = np.sqrt(np.maximum(np.diag(back @ covariance_m2 @ back.T), 0))
         return float(x), float(y), float(r)
 
     def _jacobian(self, circle: Circle, xyz: FloatArray) -> FloatArray:
-        """d xyz / d (x, y, r), metres a pixel, for a narrow cone: sideways by z / f, along the ray by distance / r."""
+        """d xyz / d (x, y, r), metres a pixel, for a narrow cone: sideways by z / f, along the ray by z / r."""
         z = xyz[2]
-        ray = xyz / z
-        return np.stack([[z / self.camera.fx_px, 0, 0], [0, z / self.camera.fy_px, 0], -ray * z / circle.r_px], axis=1)
+        return np.array(
+            [
+                [z / self.camera.fx_px, 0, -xyz[0] / circle.r_px],
+                [0, z / self.camera.fy_px, -xyz[1] / circle.r_px],
+                [0, 0, -z / circle.r_px],
+            ]
+        )
 
-    def _colour_share(self, patch: Patch, circle: Circle) -> float:
-        """Share of the circle's pixels in the seed's own colours, at the exposure that suits them best."""
+    def _colour_shares(self, patch: Patch, circle: Circle) -> tuple[float, float]:
+        """Shares of pixels in the seed's own colours, inside the circle and in a ring around it, at the exposure that
+        suits the inside best. A claim on a part of the marker has its colour all around."""
         if self._box is None:
-            return 1.0
-        pixels = disc_pixels(patch, circle, 0.9)[None]
-        if pixels.size == 0:
-            return 0.0
-        gain = float(np.clip(np.median(pixels[..., 2]) / self._box_value, 0.1, 4)) if self._status != Status.LOST else 1.0
-        return float(self._box.mask(pixels, gain).mean()) / 255
+            return 1.0, 0.0
+        disc = disc_mask(patch, circle, 0.9)
+        ring = disc_mask(patch, circle, 1.35) & ~disc_mask(patch, circle, 1.1)
+        if not disc.any():
+            return 0.0, 0.0
+        gain = float(np.clip(np.median(patch.hsv[disc][:, 2]) / self._box_value, 0.1, 4))
+        mask = self._box.mask(patch.hsv, gain)
+        return float(mask[disc].mean()) / 255, float(mask[ring].mean()) / 255 if ring.any() else 0.0
 
     @staticmethod
     def _in_picture(frame: Frame, circle: Circle) -> bool:
@@ -475,8 +515,6 @@ class MarkerChain:
         return StageView(self.spec.name, patch.window, patch.bgr, mask, hough, edges, weights, maps)
 
 
+_SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated
 _NO_EDGES = EdgePoints(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.intp), np.zeros(0), 0)
 
-
-def _congruence(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
-    return jacobian @ covariance @ jacobian.T

@@ -2,9 +2,9 @@
 
 Along rays across the expected outline the pixel values are mixtures of marker and background. Mixing is a sum in
 linear light only, so the sRGB curve is undone first. Each ray is projected on the colour difference that tells
-marker from background there whatever the light does, the marker's shading is carried on to the limb (spherical harmonics of the normal,
-Ramamoorthi and Hanrahan 2001), and the edge is where the step that the lens and the known motion make (a Gaussian,
-swept along the blur) explains the profile best by least squares, both levels left free.
+marker from background there whatever the light does, the marker's limb darkening is allowed for, and the edge is
+where the step that the lens and the known motion make (a Gaussian, swept along the blur) explains the profile best by
+least squares, both levels left free.
 """
 
 from dataclasses import dataclass
@@ -25,9 +25,9 @@ class EdgeConfig(StageConfig):
     """Ours throughout; the figures behind the defaults stand in docs/experiments.md."""
 
     rays: int = Field(72, ge=16, le=360, description="rays around the outline")
-    blur_sigma_px: float = Field(0.55, gt=0, description="Gaussian blur of lens, sensor and codec")
+    blur_sigma_px: float = Field(0.5, gt=0, description="Gaussian blur of lens, sensor and codec")
     chroma_sigma_px: float = Field(1.0, gt=0, description="further blur of chroma at half resolution")
-    noise: float = Field(0.01, gt=0, description="pixel noise, code values with full scale 1")
+    noise: float = Field(0.02, gt=0, description="pixel noise, code values with full scale 1")
     least_contrast: float = Field(4.0, gt=0, description="step over its own standard deviation that makes an edge")
     shading: bool = Field(True, description="carry the marker's shading on to the limb")
 
@@ -74,7 +74,7 @@ def find_edges(
     blur = np.array(blur_px)
     across, along = normal @ blur, tangent @ blur / np.linalg.norm(tangent, axis=1)
     sigma = config.blur_sigma_px + 0.5 * config.chroma_sigma_px
-    margin = 2.0 * sigma + 0.5
+    margin = sigma + 0.2
     half_blur = np.abs(across) / 2
     outer = reach_px + margin + float(half_blur.max())
     inner = min(max(outer, 0.6 * r_px), 0.95 * r_px)
@@ -93,15 +93,17 @@ def find_edges(
 
     # Levels on either side, clear of the blurred edge, and the colour difference between them.
     clear = margin + half_blur
-    deep = (u[None, :] < -np.minimum(clear + 0.5 * reach_px, 0.6 * inner)[:, None]) & (u[None, :] > -0.9 * r_px)
+    depth = np.minimum(clear + 0.5 * reach_px, 0.6 * inner)[:, None]
+    deep = (u[None, :] < -depth) & (u[None, :] > -0.9 * r_px)
+    close = deep & (u[None, :] > -depth - 0.15 * r_px - 0.5)
     far = u[None, :] > (clear + 0.5 * reach_px - 0.5)[:, None]
     far[:, -2:] = True
-    colour_in = _level(samples, deep)
+    colour_in = _level(samples, close)
     colour_out = _level(samples, far)
     reference = np.median(colour_in[inside], axis=0)
     # What may vary without being an edge: the background's texture and the marker's own shading. A direction that is
     # blind to both (Fisher's discriminant) sees a coloured marker's edge whatever the light does to it.
-    within = 0.25 * _scatter(colour_out[inside]) + _scatter(samples[deep & inside[:, None]])
+    within = 0.25 * _scatter(colour_out[inside]) + 0.2 * _scatter(samples[deep & inside[:, None]])
     difference = reference - colour_out
     direction = np.linalg.solve(within + np.eye(3) * config.noise**2, difference.T).T
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
@@ -113,7 +115,7 @@ def find_edges(
     uu = u[near]
     v = np.arange(uu[0] - shift[-1], uu[-1] - shift[0] + fine / 2, fine)  # edge-centred abscissa
     if config.shading and not coarse and r_px >= 6:
-        limb = _shading(to_linear(samples[..., 0]), u, r_px, deep & inside[:, None], local, normal, v)
+        limb = _limb(to_linear(samples[..., 0]), u, r_px, deep & inside[:, None], close, v)
     else:
         limb = np.ones((count, len(v)))
     expected = _profile(v, limb, colour_in, colour_out, across, along, r_px, config)  # (N, V, 3)
@@ -180,51 +182,41 @@ def _marker_coloured(mask: npt.NDArray[np.uint8], at: FloatArray) -> npt.NDArray
     return soft[:, 0] >= 85  # type: ignore[no-any-return]
 
 
-def _harmonics(nx: FloatArray, ny: FloatArray, nz: FloatArray) -> FloatArray:
-    """Spherical harmonics of the normal up to second order without the terms that only clutter the limb: (..., 6)."""
-    return np.stack([np.ones_like(nx), nx, ny, nz, nx * nz, ny * nz], axis=-1)
-
-
-def _shading(
+def _limb(
     brightness: FloatArray,
     u: FloatArray,
     r_px: float,
     where: npt.NDArray[np.bool_],
-    local: FloatArray,
-    normal: FloatArray,
+    close: npt.NDArray[np.bool_],
     v: FloatArray,
 ) -> FloatArray:
-    """Brightness (N, len(v)) of the marker against the distance `v` from its edge, relative to its mean
-    over the samples `where` of the same ray.
+    """How the marker darkens (or brightens) towards its limb: (N, len(v)) against the distance `v` from the edge,
+    relative to each ray's mean over the samples `close`.
 
-    Fitted by ridge least squares to the samples `where` well inside, twice, highlights left out the second time.
+    A matt ball lit from all around the camera follows A + C nz, nz the normal's share towards the camera. One C for
+    all rays, each with its own brightness, is fitted by ridge to the samples `where`, twice, highlights left out the
+    second time. What differs from ray to ray is left to the free level of each: carrying it on to the limb was tried
+    with spherical harmonics and moved the centre by 0.1 px.
     """
-    rho = np.clip(1 + u / r_px, 0, 1)[None, :]
-    nx, ny = normal[:, :1] * rho, normal[:, 1:] * rho
-    nz = np.broadcast_to(np.sqrt(1 - rho**2), nx.shape)
-    basis = _harmonics(nx[where], ny[where], nz[where])
-    values = brightness[where]
-    if len(values) < 24:
-        return np.ones((len(normal), len(v)))
-    mean = max(float(np.median(values)), 1e-6)
-    ridge = np.diag([1e-3, 1e-2, 1e-2, 1e-2, 5e-2, 5e-2]) * len(values)
-    target = values / mean
-    keep = np.abs(target - 1) < 1.0
+    nz = np.sqrt(1 - np.clip(1 + u / r_px, 0, 1) ** 2)[None, :]
+    limb_nz = np.sqrt(1 - np.clip(1 + v / r_px, 0, 1) ** 2)[None, :]
+    keep = where.astype(np.float64)
+    slope = 0.0
     for _ in range(2):
-        chosen = basis[keep]
-        goal = chosen.T @ target[keep] + ridge[:, 0] * 1.0
-        coefficients = np.linalg.solve(chosen.T @ chosen + ridge, goal)
-        off = target - basis @ coefficients
-        keep = np.abs(off) < 2.5 * max(float(np.median(np.abs(off))) * 1.48, 0.02)
-        if keep.sum() < 24:
+        count = np.maximum(keep.sum(axis=1, keepdims=True), 1)
+        level = np.maximum((brightness * keep).sum(axis=1, keepdims=True) / count, 1e-6)
+        mean_nz = (nz * keep).sum(axis=1, keepdims=True) / count
+        off_nz, off = (nz - mean_nz) * keep, (brightness / level - 1) * keep
+        slope = float((off_nz * off).sum() / ((off_nz * off_nz).sum() + 0.02 * keep.sum() + 1e-9))
+        rest = np.abs(off - slope * off_nz)
+        kept = rest[keep > 0]
+        if len(kept) < 24:
             break
-    edge = np.clip(1 + v / r_px, 0, 1)[None, :]
-    ex, ey = normal[:, :1] * edge, normal[:, 1:] * edge
-    ez = np.broadcast_to(np.sqrt(1 - edge**2), ex.shape)
-    model = np.clip(_harmonics(nx, ny, nz) @ coefficients, 0.1, 4)
-    seen = (model * where).sum(axis=1, keepdims=True) / np.maximum(where.sum(axis=1, keepdims=True), 1)
-    limb = np.clip(_harmonics(ex, ey, ez) @ coefficients, 0.1, 4)
-    return np.where(seen > 0, limb / np.maximum(seen, 1e-6), 1.0)  # type: ignore[no-any-return]
+        usual = float(np.partition(kept, len(kept) // 2)[len(kept) // 2])
+        keep = keep * (rest < 2.5 * max(1.48 * usual, 0.02))
+    near = (nz * close).sum(axis=1, keepdims=True) / np.maximum(close.sum(axis=1, keepdims=True), 1)
+    here = np.maximum(1 + slope * (near - mean_nz), 0.1)
+    return np.clip((1 + slope * (limb_nz - mean_nz)) / here, 0.1, 4)  # type: ignore[no-any-return]
 
 
 def _profile(
@@ -243,14 +235,19 @@ def _profile(
     once more by its half resolution. Mixing coded values instead would shift the edge towards the darker side.
     """
     fine = float(v[1] - v[0])
-    step = np.clip(0.5 - v / fine, 0, 1)
+    # Blur moves a curved edge inwards by sigma^2 / 2r: by the lens here, by the chroma further down.
+    inwards = config.blur_sigma_px**2 / (2 * r_px)
+    step = np.clip(0.5 - (v + inwards) / fine, 0, 1)
     both = _gauss(np.concatenate([step[None, :], step * limb]), config.blur_sigma_px / fine)
     cover, light = _swept(both[0], both[1:], across / fine, along / fine, r_px / fine)
     inner, outer = to_linear(_to_bgr(colour_in)), to_linear(_to_bgr(colour_out))
     mixed = light[:, :, None] * inner[:, None, :] + (1 - cover)[:, :, None] * outer[:, None, :]
     coded = to_code(mixed) @ _BGR_TO_YCC.T
     chroma = coded[..., 1:].transpose(0, 2, 1).reshape(-1, len(v))
-    soft = _gauss(chroma, config.chroma_sigma_px / fine).reshape(len(limb), 2, len(v)).transpose(0, 2, 1)
+    soft = _gauss(chroma, config.chroma_sigma_px / fine)
+    part = min(1.0, config.chroma_sigma_px**2 / (2 * r_px) / fine)
+    soft[:, :-1] += part * (soft[:, 1:] - soft[:, :-1])
+    soft = soft.reshape(len(limb), 2, len(v)).transpose(0, 2, 1)
     return np.concatenate([coded[..., :1], soft], axis=2)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from pydantic import Field
 
 from spheremcap.core.circle import Circle
-from spheremcap.core.frame import Patch
+from spheremcap.core.frame import Patch, Window
 from spheremcap.core.stage import StageConfig
 
 
@@ -21,11 +21,19 @@ class HoughConfig(StageConfig):
     keep: int = Field(3, ge=1, description="circles handed on, most votes first; ours")
 
 
-def hough_circles(patch: Patch, r_px: float, config: HoughConfig) -> tuple[Circle, ...]:
-    """Circles in image pixels, most votes first, with a radius near `r_px`; empty when there is none."""
+def hough_circles(patch: Patch, expected: Circle, config: HoughConfig) -> tuple[Circle, ...]:
+    """Circles in image pixels near `expected` in place and size, most votes first; empty when there is none.
+
+    Only the part of the patch that such circles can touch is searched.
+    """
+    r_px = expected.r_px
     low, high = r_px * (1 - config.radius_window), r_px * (1 + config.radius_window)
+    local, height, width = patch.local(expected), *patch.gray.shape
+    part = Window.around(local, 1.6 * r_px + 2).clipped(width, height)
+    if part.width < 3 or part.height < 3:
+        return ()
     found = cv2.HoughCircles(
-        patch.gray,
+        patch.gray[part.y : part.y + part.height, part.x : part.x + part.width],
         cv2.HOUGH_GRADIENT,
         dp=config.dp,
         minDist=config.min_dist_px,
@@ -37,4 +45,5 @@ def hough_circles(patch: Patch, r_px: float, config: HoughConfig) -> tuple[Circl
     if found is None:
         return ()
     rows = found.reshape(-1, found.shape[-1])[: config.keep]
-    return tuple(Circle(float(x) + patch.window.x, float(y) + patch.window.y, float(r)) for x, y, r, *_ in rows)
+    dx, dy = patch.window.x + part.x, patch.window.y + part.y
+    return tuple(Circle(float(x) + dx, float(y) + dy, float(r)) for x, y, r, *_ in rows)

@@ -1,7 +1,8 @@
-"""Sensor files as typed samples in SI units: IMUs, instrumented wheels, encoders, motion capture, anything tabular.
+"""Sensor files as typed samples in SI units: IMUs, instrumented wheels, encoders, motion capture, anything
+tabular.
 
-Column layouts are those the makers' own programs export; where a file does not say its units and its maker does,
-that is used, and otherwise a mapping has to. Stamps are int nanoseconds of the sensor's own clock.
+Column layouts are those the makers' own programs export; where a file does not say its units and its maker
+does, that is used, and otherwise a mapping has to. Stamps are int nanoseconds of the sensor's own clock.
 """
 
 import os
@@ -9,6 +10,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,9 +19,10 @@ import numpy.typing as npt
 from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
+from mcap_protobuf.schema import build_file_descriptor_set
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from spheremcap.core.time import NS_PER_S, parse_time_ns
+from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import SettingsError, SourceError, UsageError
 from spheremcap.io import _pb
 from spheremcap.io.mcap_log import schema_id
@@ -29,6 +32,7 @@ from spheremcap.merge.join import CLOCK_METADATA, OutMessage, SharedWriter, in_r
 from spheremcap.merge.tables import (
     Table,
     bare_name,
+    date_ns,
     is_date,
     open_table,
     read_columns,
@@ -52,9 +56,9 @@ class SensorLog:
     """One sensor's samples in SI units, by rising stamp.
 
     `values` has (N,) arrays, NaN where there is none. Of an `imu`: `linear_acceleration.x` (m/s^2, gravity
-    included), `angular_velocity.x` (rad/s), `magnetic_field.x` (T), `orientation.w`, `temperature_c`. Of a `wheel`:
-    `angle_rad` (unwrapped), `rate_rad_s`, `force.x` (N), `moment.x` (N m). Of a `record` whatever its columns are.
-    `saturated` (N,) is None when nothing is known of it. `notes` are lines for the user.
+    included), `angular_velocity.x` (rad/s), `magnetic_field.x` (T), `orientation.w`, `temperature_c`. Of a
+    `wheel`: `angle_rad` (unwrapped), `rate_rad_s`, `force.x` (N), `moment.x` (N m). Of a `record` whatever
+    its columns are. `saturated` (N,) is None when nothing is known of it. `notes` are lines for the user.
     """
 
     name: str
@@ -93,20 +97,28 @@ class TimeMapping(_Strict):
     column: str | int | None = None
     unit: Literal["ns", "us", "ms", "s", "date", ""] = ""
     rate_hz: Annotated[float, Field(gt=0)] | None = None
-    start: str = Field("", description="ISO 8601 or Unix seconds; added to times that count from zero")
+    start: str = Field(
+        default="", description="ISO 8601 or Unix seconds; added to times that count from zero"
+    )
 
 
 class ColumnMapping(_Strict):
-    """Columns (one, or x, y, z; orientation w, x, y, z) of one quantity, their unit, and where they saturate."""
+    """Columns (one, or x, y, z; orientation w, x, y, z) of a quantity, their unit, where they saturate."""
 
     columns: tuple[str | int, ...]
     unit: str = ""
-    range: Annotated[float, Field(gt=0)] | None = Field(None, description="full scale, in the same unit")
-    counts_per_turn: Annotated[float, Field(gt=0)] | None = Field(None, description="for an angle in counts")
+    range: Annotated[float, Field(gt=0)] | None = Field(
+        default=None, description="full scale, in the same unit"
+    )
+    counts_per_turn: Annotated[float, Field(gt=0)] | None = Field(
+        default=None, description="for an angle in counts"
+    )
 
 
-class Mapping_(_Strict):
-    """How to read one table of unknown layout; everything left out is taken from the header where it is obvious."""
+class TableMapping(_Strict):
+    """How to read one table of unknown layout; everything left out is taken from the header where it is
+    obvious.
+    """
 
     kind: Kind | None = None
     frame_id: str = ""
@@ -117,10 +129,10 @@ class Mapping_(_Strict):
     columns: dict[str, ColumnMapping] = Field(default_factory=dict)
 
 
-def load_mapping(path: str | os.PathLike[str]) -> Mapping_:
+def load_mapping(path: str | os.PathLike[str]) -> TableMapping:
     """A mapping from TOML. Raises SettingsError naming the key that is wrong."""
     try:
-        return Mapping_.model_validate(tomllib.loads(Path(path).read_text(encoding="utf-8")))
+        return TableMapping.model_validate(tomllib.loads(Path(path).read_text(encoding="utf-8")))
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
     except tomllib.TOMLDecodeError as error:
@@ -138,13 +150,13 @@ def read_sensors(
     path: str | os.PathLike[str],
     *,
     name: str | None = None,
-    mapping: Mapping_ | None = None,
+    mapping: TableMapping | None = None,
     rate_hz: float | None = None,
 ) -> list[SensorLog]:
     """All sensors in a file or folder; `name` (by default the file's) goes into their topics and frames.
 
-    `rate_hz` is for files without times (SMARTwheel, C3D has its own). A folder may be an NGIMU or x-IMU3 session,
-    or hold any of the known files.
+    `rate_hz` is for files without times (SMARTwheel, C3D has its own). A folder may be an NGIMU or x-IMU3
+    session, or hold any of the known files.
 
     Raises SourceError for what cannot be read (file, line, column) and UsageError for what has to be said.
     """
@@ -160,7 +172,7 @@ def read_sensors(
     if suffix in (".mp4", ".mov", ".360"):
         return _read_gopro(path, name)
     if mapping is None:
-        mapping = Mapping_()
+        mapping = TableMapping()
     if rate_hz is not None:
         mapping = mapping.model_copy(update={"time": mapping.time.model_copy(update={"rate_hz": rate_hz})})
     if not mapping.columns and suffix == ".data":
@@ -175,8 +187,12 @@ def read_sensors(
     return [_read_table(table, name, mapping)]
 
 
-def _read_folder(path: Path, name: str, mapping: Mapping_ | None, rate_hz: float | None) -> list[SensorLog]:
-    """Every table in the folder and in those in it; names are NAME for the main one, NAME_FILE for the others."""
+def _read_folder(
+    path: Path, name: str, mapping: TableMapping | None, rate_hz: float | None
+) -> list[SensorLog]:
+    """Every table in the folder and in those in it; names are NAME for the main one, NAME_FILE for the
+    others.
+    """
     found: list[SensorLog] = []
     tables = (".csv", ".tsv", ".txt", ".data", ".parquet", ".c3d")
     files = sorted(p for p in path.rglob("*") if p.is_file() and p.suffix.lower() in tables)
@@ -215,16 +231,21 @@ _QUANTITIES: tuple[tuple[str, str], ...] = (
     (r"m", "moment|magnetic_field"),
 )
 _AXIS = re.compile(r"^(.*?)([xyz])$")
-_TIME_NAME = re.compile(r"^(time|timestamp|t|sampletimefine|epoch|unixtime|datetime|date|elapsed)(ns|us|ms|s)?$")
+_TIME_NAME = re.compile(
+    r"^(time|timestamp|t|sampletimefine|epoch|unixtime|datetime|date|elapsed)(ns|us|ms|s)?$"
+)
 _SUFFIX_UNITS = (
     ("_mps2", "m/s2"), ("_ms2", "m/s2"), ("_m_s2", "m/s2"), ("_dps", "dps"), ("_deg_s", "deg/s"),
     ("_rad_s", "rad/s"), ("_radps", "rad/s"), ("_ut", "uT"), ("_g", "g"), ("_nm", "Nm"), ("_n", "N"),
-    ("_deg", "deg"), ("_rad", "rad"), ("_rpm", "rpm"), ("_ns", "ns"), ("_us", "us"), ("_ms", "ms"), ("_s", "s"),
+    ("_deg", "deg"), ("_rad", "rad"), ("_rpm", "rpm"), ("_ns", "ns"), ("_us", "us"), ("_ms", "ms"),
+    ("_s", "s"),
 )  # fmt: skip
 
 
 def _named(name: str, unit: str) -> tuple[str, str, str] | None:
-    """(quantity, axis, unit) that a header obviously means, e.g. `Gyroscope X (deg/s)`; None when it does not."""
+    """(quantity, axis, unit) that a header obviously means, e.g. `Gyroscope X (deg/s)`; None when it does
+    not.
+    """
     bare, bracket = split_unit(name)
     unit = unit or bracket
     if not unit:
@@ -242,6 +263,9 @@ def _named(name: str, unit: str) -> tuple[str, str, str] | None:
         return "rate", "", unit or ("rpm" if text == "rpm" else "")
     if text in ("temperature", "temp"):
         return "temperature", "", unit
+    if text in ("x", "y", "z") and unit:  # x-IMU3 names its high-g accelerometer's columns so
+        quantity = next((q for q in _VECTORS if plain(unit) in UNITS[q]), None)
+        return (quantity, text, unit) if quantity is not None else None
     match = _AXIS.match(text)
     if match is not None:
         for pattern, quantity in _QUANTITIES:
@@ -249,18 +273,27 @@ def _named(name: str, unit: str) -> tuple[str, str, str] | None:
                 if "|" in quantity:
                     quantity = next((q for q in quantity.split("|") if plain(unit) in UNITS[q]), "")
                 return (quantity, match[2], unit) if quantity else None
-    match = re.match(r"^(?:quat|quaternion|q)?(?:q)?([wxyz])$", text)
-    if match is not None and text.startswith("q"):
+    match = re.match(r"^(?:quaternion|quat|q)([wxyz])$", text)
+    if match is not None:
         return "orientation", match[1], "1"
     return None
 
 
-def _read_table(table: Table, name: str, mapping: Mapping_) -> SensorLog:
-    """A table by its mapping, and by its header for what the mapping leaves open."""
+def _read_table(
+    table: Table, name: str, mapping: TableMapping, own_stamps: StampArray | None = None
+) -> SensorLog:
+    """A table by its mapping, and by its header for what the mapping leaves open; `own_stamps` replace its
+    times.
+    """
     columns: dict[str, tuple[int, str]] = {}  # value's name -> column, unit
     scales: dict[str, ColumnMapping] = {}
     header = [_named(n, table.units[k]) for k, n in enumerate(table.names)]
     times = [k for k, h in enumerate(header) if h is not None and h[0] == "time"]
+    plain_names = [bare_name(n) for n in table.names]
+    if all(axis in plain_names for axis in "wxyz"):  # a quaternion file of x-io
+        header = [
+            ("orientation", n, "1") if n in tuple("wxyz") else header[k] for k, n in enumerate(plain_names)
+        ]
     if mapping.columns:
         for quantity, given in mapping.columns.items():
             axes = _axes(quantity, len(given.columns), mapping.kind)
@@ -278,15 +311,17 @@ def _read_table(table: Table, name: str, mapping: Mapping_) -> SensorLog:
         if not mapping.columns:
             columns = {_field_name(n): (k, "") for k, n in enumerate(table.names) if n and k not in times[:1]}
         if not columns:
-            raise UsageError(f"{table.path}: its columns have no names: give a mapping (TOML) that says what they are")
+            raise UsageError(
+                f"{table.path}: its columns have no names: give a mapping (TOML) that says what they are"
+            )
         columns = {axis: columns[axis] for axis in columns if _is_number(table, columns[axis][0])}
     else:
         allowed = _IMU if kind == "imu" else _WHEEL
         columns = {axis: c for axis, c in columns.items() if axis.split(".")[0] in allowed}
-    texts, stamp_ns, notes = _times(table, mapping, times, [k for k, _ in columns.values()])
+    numbers, stamp_ns = _times(table, mapping, times, [k for k, _ in columns.values()], own_stamps)
     values: dict[str, FloatArray] = {}
     saturated: npt.NDArray[np.bool_] | None = None
-    for (axis, (index, unit)), column in zip(columns.items(), texts.T, strict=True):
+    for (axis, (index, unit)), column in zip(columns.items(), numbers.T, strict=True):
         given = scales.get(axis, ColumnMapping(columns=()))
         scale = 1.0
         if kind != "record":
@@ -294,24 +329,28 @@ def _read_table(table: Table, name: str, mapping: Mapping_) -> SensorLog:
             if given.counts_per_turn is not None:
                 scale = 2 * np.pi / given.counts_per_turn
             elif quantity == "angle" and plain(unit) in ("counts", "count", "ticks", "pulses"):
-                raise UsageError(f"{table.where(index)}: an angle in counts needs counts_per_turn in a mapping")
+                raise UsageError(
+                    f"{table.where(index)}: an angle in counts needs counts_per_turn in a mapping"
+                )
             else:
                 scale = factor(quantity, unit, table.where(index))
         if given.range is not None:
             at_end = np.abs(column) >= 0.999 * given.range
             saturated = at_end if saturated is None else saturated | at_end
         values[axis] = column * scale
-    return _log(name, kind, stamp_ns, values, mapping.frame_id, table.path, saturated, notes)
+    return _log(name, kind, stamp_ns, values, mapping.frame_id, table.path, saturated)
 
 
 def _axes(quantity: str, count: int, kind: Kind | None) -> list[str]:
     if kind == "record":
-        names = [_field_name(quantity)] if count == 1 else [f"{_field_name(quantity)}_{k}" for k in range(count)]
+        names = (
+            [_field_name(quantity)] if count == 1 else [f"{_field_name(quantity)}_{k}" for k in range(count)]
+        )
         return names if count != 3 else [f"{_field_name(quantity)}_{axis}" for axis in "xyz"]
     sizes = {**dict.fromkeys(_VECTORS, 3), "orientation": 4}
     known = (*_IMU, *_WHEEL)
     if quantity not in known:
-        raise UsageError(f"mapping: {quantity!r} is none of {', '.join(known)} (or say kind = \"record\")")
+        raise UsageError(f'mapping: {quantity!r} is none of {", ".join(known)} (or say kind = "record")')
     if count != sizes.get(quantity, 1):
         raise UsageError(f"mapping: {quantity} takes {sizes.get(quantity, 1)} columns, not {count}")
     letters = "wxyz" if quantity == "orientation" else "xyz"
@@ -341,19 +380,26 @@ def _field_name(name: str) -> str:
 
 
 def _times(
-    table: Table, mapping: Mapping_, found: Sequence[int], wanted: Sequence[int]
-) -> tuple[FloatArray, StampArray, tuple[str, ...]]:
+    table: Table,
+    mapping: TableMapping,
+    found: Sequence[int],
+    wanted: Sequence[int],
+    own_stamps: StampArray | None,
+) -> tuple[FloatArray, StampArray]:
     """The wanted columns and the stamps, from a column or a rate."""
     given = mapping.time
     start_ns = 0
     if given.start:
         try:
-            start_ns = parse_time_ns(given.start)
+            start_ns = date_ns(given.start)
         except ValueError as error:
-            raise UsageError(f"mapping: time.start {given.start!r} is neither a date nor Unix seconds") from error
-    if given.column is None and given.rate_hz is not None:
+            raise UsageError(
+                f"mapping: time.start {given.start!r} is neither a date nor Unix seconds"
+            ) from error
+    if own_stamps is not None or (given.column is None and given.rate_hz is not None):
         _, values = read_columns(table, wanted, None)
-        return values, even_stamps(len(values), given.rate_hz) + start_ns, ()
+        even = even_stamps(len(values), given.rate_hz or 1.0) if own_stamps is None else own_stamps
+        return values, even + start_ns
     if given.column is not None:
         time = table.column(given.column)
     elif found:
@@ -371,13 +417,11 @@ def _times(
     if not unit and table.names:
         unit = (_named(table.names[time], "") or ("", "", ""))[2]
     texts, values = read_columns(table, wanted, time)
-    return values, stamps(table, texts, time, unit) + start_ns, ()
+    return values, stamps(table, texts, time, unit) + start_ns
 
 
 def even_stamps(count: int, rate_hz: float) -> StampArray:
     """(N,) stamps of samples at a stated rate from zero, each rounded from the exact time."""
-    from fractions import Fraction
-
     period = Fraction(NS_PER_S) / Fraction(str(rate_hz))
     n, d = period.numerator, period.denominator
     return np.array([(2 * k * n + d) // (2 * d) for k in range(count)], np.int64)
@@ -421,7 +465,7 @@ def _unwrapped(angle: FloatArray) -> FloatArray:
 
 
 def _clipped(values: Mapping[str, FloatArray]) -> npt.NDArray[np.bool_] | None:
-    """Where an axis stands still at its own extreme for three samples or more, as a sensor at its end does."""
+    """Where an axis stands still at its own extreme for three samples or more, as at its range's end."""
     found: npt.NDArray[np.bool_] | None = None
     for axis, column in values.items():
         least = {"linear_acceleration": 15.0, "angular_velocity": 2.0}.get(axis.split(".")[0])
@@ -430,15 +474,17 @@ def _clipped(values: Mapping[str, FloatArray]) -> npt.NDArray[np.bool_] | None:
         size = np.abs(column)
         top = np.nanmax(size) if np.isfinite(size).any() else 0.0
         at_end = (size == top) & (top >= least)
-        runs = np.convolve(at_end, np.ones(3), "same") >= 3
-        flat = at_end & (np.convolve(runs, np.ones(3), "same") > 0)
+        three = at_end[:-2] & at_end[1:-1] & at_end[2:]
+        flat = np.zeros(len(size), np.bool_)
+        for shift in range(3):
+            flat[shift : shift + len(three)] |= three
         found = flat if found is None else found | flat
     return found
 
 
 # --- layouts that do not explain themselves ---
 
-_Reader = Callable[[Table, str, Mapping_], SensorLog]
+_Reader = Callable[[Table, str, TableMapping], SensorLog]
 
 
 def _known_layout(table: Table) -> _Reader | None:
@@ -461,9 +507,10 @@ def _known_layout(table: Table) -> _Reader | None:
 def _fixed(
     table: Table,
     name: str,
-    mapping: Mapping_,
+    mapping: TableMapping,
     columns: Mapping[str, tuple[str | int, ...]],
     units: Mapping[str, str],
+    own_stamps: StampArray | None = None,
     **time: Any,
 ) -> SensorLog:
     """A table whose layout is known, as if a mapping had said it; the user's own time settings come first."""
@@ -474,12 +521,13 @@ def _fixed(
             "columns": {q: ColumnMapping(columns=c, unit=units[q]) for q, c in columns.items()},
         }
     )
-    return _read_table(table, name, filled)
+    return _read_table(table, name, filled, own_stamps)
 
 
-def _read_xsens_dot(table: Table, name: str, mapping: Mapping_) -> SensorLog:
-    """Xsens (Movella) DOT: SampleTimeFine counts microseconds in 32 bits, m/s^2 and deg/s; free acceleration has no
-    gravity in it and is left out."""
+def _read_xsens_dot(table: Table, name: str, mapping: TableMapping) -> SensorLog:
+    """Xsens (Movella) DOT: SampleTimeFine counts microseconds in 32 bits, m/s^2 and deg/s; free acceleration
+    has no gravity in it and is left out.
+    """
     there = {bare_name(n): n for n in table.names}
     columns: dict[str, tuple[str | int, ...]] = {}
     for quantity, stem in (("linear_acceleration", "acc"), ("angular_velocity", "gyr")):
@@ -493,23 +541,19 @@ def _read_xsens_dot(table: Table, name: str, mapping: Mapping_) -> SensorLog:
             "export a mode with inertial data"
         )
     units = {"linear_acceleration": "m/s2", "angular_velocity": "deg/s", "orientation": "1"}
-    log = _fixed(table, name, mapping, columns, units, column=there["sampletimefine"], unit="us")
-    if mapping.time.column is None and mapping.time.rate_hz is None:
-        texts, _ = read_columns(table, (), table.column("SampleTimeFine"))
-        ticks = np.array([int(text or 0) for text in texts], np.int64)
-        turns = np.concatenate([[0], np.cumsum(np.diff(ticks) < -(1 << 31))])
-        if turns[-1]:
-            order = np.argsort(ticks * 1000, kind="stable")
-            back = np.empty_like(order)
-            back[order] = np.arange(len(order))
-            values = {axis: column[back] for axis, column in log.values.items()}
-            stamp_ns = (ticks + (turns << 32)) * 1000
-            log = replace(log, stamp_ns=stamp_ns, values=values, notes=())
-    return log
+    if mapping.time.column is not None or mapping.time.rate_hz is not None:
+        return _fixed(table, name, mapping, columns, units)
+    time = table.column("SampleTimeFine")
+    texts, _ = read_columns(table, (), time)
+    ticks = stamps(table, texts, time, "us") // 1000
+    turns = np.concatenate([[0], np.cumsum(np.diff(ticks) < -(1 << 31))])
+    return _fixed(table, name, mapping, columns, units, (ticks + turns * (1 << 32)) * 1000)
 
 
-def _read_shimmer(table: Table, name: str, mapping: Mapping_) -> SensorLog:
-    """Shimmer (Consensys): DEVICE_Accel_LN_X_CAL with a row of units; of two accelerometers the wide-range one."""
+def _read_shimmer(table: Table, name: str, mapping: TableMapping) -> SensorLog:
+    """Shimmer (Consensys): DEVICE_Accel_LN_X_CAL with a row of units; of two accelerometers the wide-range
+    one.
+    """
     columns: dict[str, tuple[str | int, ...]] = {}
     units: dict[str, str] = {}
     wanted = (
@@ -526,23 +570,37 @@ def _read_shimmer(table: Table, name: str, mapping: Mapping_) -> SensorLog:
                     columns[quantity] = tuple(k + 1 for k in indices)
                     units[quantity] = table.units[indices[0]]
     if not columns:
-        raise UsageError(f"{table.path}: has no calibrated (CAL) accelerometer, gyroscope or magnetometer with a unit")
+        raise UsageError(
+            f"{table.path}: has no calibrated (CAL) accelerometer, gyroscope or magnetometer with a unit"
+        )
     time = next(
-        (k for k, n in enumerate(table.names) if re.search(r"timestamp", n, re.IGNORECASE) and n.endswith("_CAL")),
+        (
+            k
+            for k, n in enumerate(table.names)
+            if re.search(r"timestamp", n, re.IGNORECASE) and n.endswith("_CAL")
+        ),
         None,
     )
     if time is None:
         raise UsageError(f"{table.path}: has no Timestamp column")
     dated = is_date(table.first_row[time])
     unit = "date" if dated else plain(table.units[time])
-    return _fixed(table, name, mapping, columns, units, column=time + 1, unit=unit if unit in (*TIME_UNITS, "date") else "")
+    return _fixed(
+        table,
+        name,
+        mapping,
+        columns,
+        units,
+        column=time + 1,
+        unit=unit if unit in (*TIME_UNITS, "date") else "",
+    )
 
 
 def _ending(table: Table, ending: str) -> int | None:
     return next((k for k, n in enumerate(table.names) if n.lower().endswith(ending.lower())), None)
 
 
-def _read_movesense(table: Table, name: str, mapping: Mapping_) -> SensorLog:
+def _read_movesense(table: Table, name: str, mapping: TableMapping) -> SensorLog:
     """Movesense: one sensor a file, told by the column or file name; milliseconds, m/s^2, deg/s, uT."""
     text = f"{table.path.stem} {' '.join(table.names)}".lower()
     for quantity, mark, unit in (
@@ -554,17 +612,27 @@ def _read_movesense(table: Table, name: str, mapping: Mapping_) -> SensorLog:
             time = next((k for k, n in enumerate(table.names) if "time" in n.lower()), 0)
             axes = []
             for axis in "xyz":
-                found = [k for k, n in enumerate(table.names) if split_unit(n)[0].strip().lower().endswith(axis)]
+                found = [
+                    k for k, n in enumerate(table.names) if split_unit(n)[0].strip().lower().endswith(axis)
+                ]
                 if len(found) != 1:
                     raise UsageError(f"{table.path}: no column is obviously {mark} {axis}: give a mapping")
                 axes.append(found[0] + 1)
             stated = table.unit(time)
             time_unit = plain(stated) if plain(stated) in TIME_UNITS else "ms"
-            return _fixed(table, name, mapping, {quantity: tuple(axes)}, {quantity: unit}, column=time + 1, unit=time_unit)
+            return _fixed(
+                table,
+                name,
+                mapping,
+                {quantity: tuple(axes)},
+                {quantity: unit},
+                column=time + 1,
+                unit=time_unit,
+            )
     raise UsageError(f"{table.path}: neither its name nor its columns say which sensor it is: give a mapping")
 
 
-def _read_axivity(table: Table, name: str, mapping: Mapping_) -> SensorLog:
+def _read_axivity(table: Table, name: str, mapping: TableMapping) -> SensorLog:
     """Axivity AX3/AX6 without a header: date, acceleration in g, then angular rate in deg/s."""
     columns: dict[str, tuple[str | int, ...]] = {"linear_acceleration": (2, 3, 4)}
     if len(table.first_row) >= 7:
@@ -573,27 +641,32 @@ def _read_axivity(table: Table, name: str, mapping: Mapping_) -> SensorLog:
     return _fixed(table, name, mapping, columns, units, column=1, unit="date")
 
 
-def _read_smartwheel(table: Table, name: str, mapping: Mapping_) -> SensorLog:
-    """SMARTwheel: column 2 counts samples, 4 is the angle in degrees, 19-21 forces in N, 22-24 moments in N m."""
+def _read_smartwheel(table: Table, name: str, mapping: TableMapping) -> SensorLog:
+    """SMARTwheel: column 2 counts samples, 4 is the angle in degrees, 19-21 forces in N, 22-24 moments in N
+    m.
+    """
     rate = mapping.time.rate_hz
     if rate is None:
         raise UsageError(
             f"{table.path}: a SMARTwheel file has no times: give its rate (240 and 200 Hz both occur)"
         )
     columns: dict[str, tuple[str | int, ...]] = {"angle": (4,), "force": (19, 20, 21), "moment": (22, 23, 24)}
-    log = _fixed(table, name, mapping, columns, {"angle": "deg", "force": "N", "moment": "Nm"})
+    units = {"angle": "deg", "force": "N", "moment": "Nm"}
     _, counter = read_columns(table, (1,), None)
-    steps = np.diff(counter[:, 0])
-    if len(steps) and np.all(steps == np.rint(steps)) and steps.min() >= 1 and steps.max() > 1:
-        missing = int(steps.sum() - len(steps))
-        stamp_ns = even_stamps(int(counter[-1, 0] - counter[0, 0]) + 1, rate)
-        stamp_ns = stamp_ns[(counter[:, 0] - counter[0, 0]).astype(int)] + log.stamp_ns[0]
-        return replace(log, stamp_ns=stamp_ns, notes=(f"{table.path}: {missing} samples are missing (gaps kept)",))
-    return log
+    samples = counter[:, 0] - counter[0, 0]
+    steps = np.diff(samples)
+    if not len(steps) or steps.min() < 1 or np.any(steps != np.rint(steps)):
+        return _fixed(table, name, mapping, columns, units)
+    own_stamps = even_stamps(int(samples[-1]) + 1, rate)[samples.astype(int)]
+    log = _fixed(table, name, mapping, columns, units, own_stamps)
+    missing = int(samples[-1]) + 1 - len(samples)
+    return replace(log, notes=(f"{table.path}: {missing} samples are missing",)) if missing else log
 
 
-def _read_optipush(path: Path, name: str, mapping: Mapping_) -> SensorLog:
-    """Optipush: tab-separated, times in column 1, forces 4-6 and moments 7-9 in the turning rim's axes, angle 10."""
+def _read_optipush(path: Path, name: str, mapping: TableMapping) -> SensorLog:
+    """Optipush: tab-separated, times in column 1, forces 4-6 and moments 7-9 in the turning rim's axes, angle
+    10.
+    """
     table = open_table(path, delimiter=mapping.delimiter or "\t", header=False)
     columns: dict[str, tuple[str | int, ...]] = {"angle": (10,), "force": (4, 5, 6), "moment": (7, 8, 9)}
     units = {"angle": "deg", "force": "N", "moment": "Nm"}
@@ -604,7 +677,7 @@ def _read_optipush(path: Path, name: str, mapping: Mapping_) -> SensorLog:
 def _read_c3d(path: Path, name: str) -> SensorLog:
     """Motion capture points in metres, one record a frame; NaN where a point was not seen."""
     try:
-        import ezc3d
+        import ezc3d  # type: ignore[import-untyped]
     except ImportError as error:
         raise UsageError(f"{path}: C3D needs ezc3d: pip install 'spheremcap[c3d]'") from error
     try:
@@ -645,7 +718,8 @@ def _read_gopro(path: Path, name: str) -> list[SensorLog]:
 
 @dataclass
 class SensorStream:
-    """A SensorLog as messages on `/sensors/NAME`: log time and stamp on the common time line, publish time its own.
+    """A SensorLog as messages on `/sensors/NAME`: log time and stamp on the common time line, publish time
+    its own.
 
     `clock` maps the sensor's stamps; the mapping is written as metadata.
     """
@@ -658,7 +732,12 @@ class SensorStream:
     def begin(self, writer: SharedWriter) -> None:
         """Register the sensor's schema and channel, and write how its stamps were mapped."""
         self._message_class = _message_class(self.log)
-        schema = schema_id(writer, self._message_class)
+        if self.log.kind == "record":
+            data = build_file_descriptor_set(self._message_class).SerializeToString(deterministic=True)
+            full_name = self._message_class.DESCRIPTOR.full_name
+            schema = writer.register_schema(full_name, "protobuf", data)
+        else:
+            schema = schema_id(writer, self._message_class)
         self._channel = writer.register_channel(self.topic or f"/sensors/{self.log.name}", "protobuf", schema)
         facts = {"input": self.log.source, "samples": str(len(self.log))} | self.clock.lines()
         writer.add_metadata(CLOCK_METADATA + self.log.name, facts)
@@ -683,10 +762,14 @@ def _message_class(log: SensorLog) -> Any:
 
 def _imu_samples(stream: SensorStream) -> Iterator[Any]:
     log = stream.log
-    vectors = {name: log.vector(name) for name in ("linear_acceleration", "angular_velocity", "magnetic_field")}
+    vectors = {
+        name: log.vector(name) for name in ("linear_acceleration", "angular_velocity", "magnetic_field")
+    }
     rows = {name: v.tolist() for name, v in vectors.items() if v is not None}
     q = [log.values.get(f"orientation.{axis}") for axis in "wxyz"]
-    quaternions = None if any(a is None for a in q) else np.stack([a for a in q if a is not None], axis=1).tolist()
+    quaternions = (
+        None if any(a is None for a in q) else np.stack([a for a in q if a is not None], axis=1).tolist()
+    )
     temperature = log.values.get("temperature_c")
     for k in range(len(log)):
         message = _pb.ImuSample(frame_id=log.frame_id)

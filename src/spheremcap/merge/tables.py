@@ -123,20 +123,23 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _delimiter(lines: Sequence[str]) -> str:
-    """The one that splits the last lines of the head into the most columns, equally many each."""
-    tail = [line for line in lines if line.strip()][-10:]
+    """The one that splits the last lines of the head into the most numbers."""
     best = (0, ",")
-    for candidate in (",", "\t", ";", " "):
-        counts = {len(_split(line, candidate)) for line in tail[-3:]}
-        if len(counts) == 1 and (width := counts.pop()) > best[0]:
-            best = (width, candidate)
+    for candidate in ("\t", ";", ",", " "):
+        numbers = sum(
+            _number(cell, candidate != ",") is not None or is_date(cell)
+            for line in lines[-10:]
+            for cell in _split(line, candidate)
+        )
+        if numbers > best[0]:
+            best = (numbers, candidate)
     return best[1]
 
 
 def _is_data(row: Sequence[str], comma: bool) -> bool:
     cells = [cell for cell in row if cell]
     numeric = sum(_number(cell, comma) is not None for cell in cells)
-    dated = bool(cells) and bool(_DATE.match(cells[0]))
+    dated = bool(cells) and is_date(cells[0])
     return len(cells) >= 2 and numeric + dated >= max(2, (len(cells) + 1) // 2)
 
 
@@ -193,7 +196,7 @@ def stamps(table: Table, texts: Sequence[str], time: int, unit: str) -> StampArr
     UTC).
     """
     if unit == "date":
-        parse = _date_ns
+        parse = date_ns
     else:
         if plain(unit) not in TIME_UNITS:
             raise UsageError(f"{table.where(time)}: {_time_unit_problem(unit)}")
@@ -219,7 +222,7 @@ def is_date(text: str) -> bool:
     return bool(_DATE.match(text))
 
 
-def _date_ns(text: str) -> int:
+def date_ns(text: str) -> int:
     """ISO 8601 with up to nine decimals; also with slashes, as Shimmer writes dates."""
     text = text.strip().replace("/", "-").replace("_", " ", 1)
     match = re.match(r"^(.*:\d\d)\.(\d{7,9})(.*)$", text)

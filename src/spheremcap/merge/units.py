@@ -8,7 +8,7 @@ G = 9.80665
 _DEG = math.pi / 180
 
 UNITS: dict[str, dict[str, float]] = {
-    "linear_acceleration": {"m/s2": 1, "m/s/s": 1, "ms-2": 1, "mps2": 1, "mm/s2": 1e-3, "g": G, "mg": G / 1000},
+    "linear_acceleration": {"m/s2": 1, "m/s/s": 1, "mps2": 1, "mm/s2": 1e-3, "g": G, "mg": G / 1000},
     "angular_velocity": {
         "rad/s": 1, "rads": 1, "rps": 1, "mrad/s": 1e-3, "deg/s": _DEG, "d/s": _DEG, "dps": _DEG,
         "mdps": _DEG / 1000, "degs": _DEG, "rpm": math.pi / 30, "rev/s": 2 * math.pi, "hz": 2 * math.pi,
@@ -32,7 +32,13 @@ _SAME = str.maketrans(
 def plain(unit: str) -> str:
     """A unit as the tables here spell it: `m/(s^2)*` is m/s2, `°/s` deg/s, `N·m` nm."""
     text = unit.strip().translate(_SAME).lower()
-    for long, short in (("degrees", "deg"), ("degree", "deg"), ("seconds", "s"), ("second", "s"), ("sec", "s")):
+    for long, short in (
+        ("degrees", "deg"),
+        ("degree", "deg"),
+        ("seconds", "s"),
+        ("second", "s"),
+        ("sec", "s"),
+    ):
         text = text.replace(long, short)
     return {"degc": "c"}.get(text, text).replace(".", "")
 
@@ -49,8 +55,12 @@ def factor(quantity: str, unit: str, where: str) -> float:
     return value
 
 
+_OTHERS = ("", "au", "no_units", "unitless", "local_flux", "kpa", "hpa", "pa", "mv", "v", "%")
+
+
 def is_unit(text: str) -> bool:
     """Whether a cell of a units row is a unit, known here or not."""
     bare = plain(text)
-    known = any(bare in table for table in UNITS.values()) or bare in TIME_UNITS
-    return known or bare in ("", "au", "nounits", "unitless", "localflux", "kpa", "hpa", "pa", "mv", "v", "%")
+    return (
+        any(bare in t for t in UNITS.values()) or bare in TIME_UNITS or bare in _OTHERS or bare[:4] == "yyyy"
+    )

@@ -92,13 +92,18 @@ def sphere_of_circle(circle: Circle, radius_m: float, camera: Camera) -> FloatAr
     u^3 + (1 + |c|^2) u^2 - s^2 u - s^2 = 0 with u = b^2, b the semi-minor axis, pi s the area and c the centre of the
     outline in undistorted normalised coordinates; Z = R sqrt(1 + 1/u), (X, Y) = c (Z^2 - R^2) / Z.
     """
-    phi = np.arange(48) * (2 * np.pi / 48)
+    phi = np.arange(24) * (2 * np.pi / 24)
     points = circle.r_px * np.stack([np.cos(phi), np.sin(phi)], axis=1) + (circle.x_px, circle.y_px)
     flat = polygon_circle(camera.normalise(points))
     c = np.array([flat.x_px, flat.y_px])
     s = flat.r_px**2
-    roots = np.roots([1.0, 1.0 + c @ c, -(s * s), -(s * s)])
-    u = float(roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)].real.max())
+    # The one positive root, by Newton's method from above, where the cubic is convex: u = s on the axis.
+    k, s2, u = 1.0 + float(c @ c), s * s, max(s, 1e-12)
+    for _ in range(50):
+        step = (u * u * u + k * u * u - s2 * u - s2) / (3 * u * u + 2 * k * u - s2)
+        u -= step
+        if abs(step) < 1e-15 * u:
+            break
     z = radius_m * math.sqrt(1 + 1 / u)
     xy = c * (z * z - radius_m**2) / z
     return np.array([xy[0], xy[1], z])
@@ -129,21 +134,27 @@ def fit_sphere(
     radius_m: float,
     start_m: FloatArray,
     loose: float = 3.0,
-    rounds: int = 6,
+    rounds: int = 5,
+    imperfection: float = 0.03,
 ) -> SphereFit | None:
     """The sphere whose tangent cone runs through the edge rays (N, 3), robustly; None when it does not converge.
 
     Gauss-Newton on the angle between each ray and the cone, in units of the ray's standard deviation `sd_rad` (N,),
     with Geman-McClure weights whose scale falls from `loose` to 3 standard deviations, so that points on an occluder
-    lose their say. The covariance is that of the weighted fit, widened when the residuals are larger than stated.
+    lose their say. A marker that is no perfect sphere, or blur that was not modelled, leaves residuals beyond the stated
+    deviations: these are widened by the median residual, up to `imperfection` of the marker's angular radius. The
+    covariance is that of the weighted fit, widened once more when its residuals are larger than stated.
     """
     centre = start_m.astype(np.float64).copy()
     weights = np.ones(len(rays))
     scales = np.geomspace(max(loose, 3.0), 3.0, rounds - 2).tolist() + [3.0, 3.0]
-    information = np.zeros((3, 3))
+    information, sd = np.zeros((3, 3)), sd_rad
     for scale in scales:
         residual, jacobian = _cone_residual(rays, centre, radius_m)
-        residual, jacobian = residual / sd_rad, jacobian / sd_rad[:, None]
+        length = math.sqrt(float(centre @ centre))
+        usual = float(np.partition(np.abs(residual), len(residual) // 2)[len(residual) // 2])
+        sd = np.hypot(sd_rad, min(1.48 * usual, imperfection * radius_m / length))
+        residual, jacobian = residual / sd, jacobian / sd[:, None]
         weights = 1.0 / (1.0 + (residual / scale) ** 2) ** 2
         weighted = jacobian * weights[:, None]
         information = weighted.T @ jacobian
@@ -151,12 +162,11 @@ def fit_sphere(
             step = np.linalg.solve(information, weighted.T @ residual)
         except np.linalg.LinAlgError:
             return None
-        length = float(np.linalg.norm(centre))
-        step *= min(1.0, 0.3 * length / max(1e-12, float(np.linalg.norm(step))))
+        step *= min(1.0, 0.3 * length / max(1e-12, math.sqrt(float(step @ step))))
         centre = centre - step
         if centre[2] <= radius_m or not np.isfinite(centre).all():
             return None
-    residual = _cone_residual(rays, centre, radius_m)[0] / sd_rad
+    residual = _cone_residual(rays, centre, radius_m)[0] / sd
     effective = float(weights.sum())
     if effective < 5:
         return None
@@ -167,11 +177,11 @@ def fit_sphere(
 
 def _cone_residual(rays: FloatArray, centre: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray]:
     """Angle of each ray outside the tangent cone (N,), radians, and its derivative by the centre (N, 3), rad/m."""
-    distance = float(np.linalg.norm(centre))
+    distance = math.sqrt(float(centre @ centre))
     axis = centre / distance
     along = rays @ axis
     aside = rays - along[:, None] * axis
-    sin_psi = np.maximum(np.linalg.norm(aside, axis=1), 1e-12)
+    sin_psi = np.sqrt(np.maximum(1 - along * along, 1e-24))
     ratio = min(radius_m / distance, 0.999999)
     residual = np.arctan2(sin_psi, along) - math.asin(ratio)
     jacobian = -aside / (distance * sin_psi)[:, None] + axis * (ratio / distance / math.sqrt(1 - ratio * ratio))

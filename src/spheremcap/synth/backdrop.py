@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from spheremcap.core.camera import Camera
 from spheremcap.core.frame import BgrImage
-from spheremcap.synth.kinematics import chair_to_camera, joint_chair_m, wave
+from spheremcap.synth.kinematics import JOINTS, chair_to_camera, joint_chair_m, wave
 from spheremcap.synth.parts import Athlete, Backdrop, Vibration
 
 FloatArray = npt.NDArray[np.float64]
@@ -107,29 +107,32 @@ class Body:
 
     def draw(self, picture: BgrImage, t_s: float, exposure_s: float) -> BgrImage:
         """The picture with the body over it, its blur as the mean of a few instants of the exposure."""
-        steps = (np.arange(self._INSTANTS) + 0.5) / self._INSTANTS - 0.5
-        drawn = [self._draw(picture.copy(), t_s + exposure_s * float(s)) for s in steps]
+        times = t_s + exposure_s * ((np.arange(self._INSTANTS) + 0.5) / self._INSTANTS - 0.5)
+        joints = {name: self._joint(name, times) for name in JOINTS}
+        drawn = []
+        for k in range(self._INSTANTS):
+            drawn.append(
+                self._draw(picture.copy(), {name: (at[k], scale) for name, (at, scale) in joints.items()})
+            )
         while len(drawn) > 1:
             drawn = [cv2.addWeighted(a, 0.5, b, 0.5, 0) for a, b in zip(drawn[::2], drawn[1::2], strict=True)]  # type: ignore[misc]
         return drawn[0]
 
-    def _joint(self, name: str, t_s: float) -> tuple[FloatArray, float]:
-        """A joint's pixel (2,) and the pixels in a metre there, when the row it is on is exposed."""
-        t = t_s
+    def _joint(self, name: str, times_s: FloatArray) -> tuple[FloatArray, float]:
+        """A joint's pixels (T, 2) when the row it is on is exposed, and the pixels in a metre there."""
+        late = 0.0
         for _ in range(3):
-            chair = joint_chair_m(name, np.array([t + self.athlete.start_s])) - (0.025, 0.0, 0.0)
-            xyz = self.vibration.move(chair_to_camera(chair), np.array([t]))
-            pixel = self.camera.project(xyz)[0]
-            t = t_s + (float(np.clip(pixel[1], -500, 1500)) - (self.camera.height_px - 1) / 2) * self.row_s
-        return pixel, self.camera.fx_px / float(np.linalg.norm(xyz))
+            t = times_s + late
+            # A little behind its marker, which sits on the limb's outside.
+            chair = joint_chair_m(name, t + self.athlete.start_s) - (0.025, 0.0, 0.0)
+            xyz = self.vibration.move(chair_to_camera(chair), t)
+            pixels = self.camera.project(xyz)
+            row = float(np.clip(pixels[:, 1].mean(), -500, 1500))
+            late = (row - (self.camera.height_px - 1) / 2) * self.row_s
+        return pixels, self.camera.fx_px / float(np.linalg.norm(xyz[0]))
 
-    def _draw(self, picture: BgrImage, t_s: float) -> BgrImage:
+    def _draw(self, picture: BgrImage, joints: dict[str, tuple[FloatArray, float]]) -> BgrImage:
         skin, jersey = self.athlete.skin[::-1], self.athlete.jersey[::-1]
-        joints = {
-            f"{s}_{j}": self._joint(f"{s}_{j}", t_s)
-            for s in ("left", "right")
-            for j in ("shoulder", "elbow", "wrist")
-        }
         (left, scale), (right, _) = joints["left_shoulder"], joints["right_shoulder"]
         neck = (left + right) / 2
         waist = np.array([[-0.14, 0.62], [0.14, 0.62]]) * scale

@@ -7,8 +7,8 @@ forward, y to the athlete's left, z up).
 
 The camera sits above the front wheel and looks back at the athlete, 10 degrees down, 0.57 m above the wheel's
 marker. Measured with it and with the narrow lens, over one push cycle (`tests/synth/test_kinematics.py`): a
-wrist moves at up to 6.6 m/s and 28 px a frame at 240 fps, a 4 cm marker on it has r = 17-24 px while in the
-picture, and it is out of the picture for 16 % of the cycle; elbows and shoulders stay inside.
+wrist moves at up to 6.6 m/s and 28.5 px a frame at 240 fps, a 4 cm marker on it has r = 17-24 px while in the
+picture, and it is out of the picture for 15.5 % of the cycle; elbows and shoulders stay inside.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""What a rendered session is made of: balls, cards, an athlete, a backdrop, light, sensor, a shaking mount."""
+"""What a rendered session is made of: balls, cards, an athlete, a backdrop, light, sensor, shaking mount."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

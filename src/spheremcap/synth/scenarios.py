@@ -207,7 +207,12 @@ def _reentry(rng: np.random.Generator, frames: int) -> World:
         x, y = 640 + wave(t, 770, 0.8, p * 0.05), 360 + wave(t, 250, 1.1, q)
         return np.stack([x, y, 1.0 + wave(t, 0.15, 0.5, p)], axis=1)
 
-    return world(frames, Ball("marker", image_path(NARROW, place), MAGENTA), vibration=_SHAKE)
+    return world(
+        frames,
+        Ball("marker", image_path(NARROW, place), MAGENTA),
+        vibration=_SHAKE,
+        backdrop=Backdrop("coffee", 2.6),
+    )
 
 
 def _passing(path: Path, rng: np.random.Generator, nearest_px: float, nearer: float, hz: float) -> Path:
@@ -231,7 +236,7 @@ def _similar_shape(rng: np.random.Generator, frames: int) -> World:
         Ball("", _passing(path, rng, 12, 1.1, 0.65), WHITE, tracked=False),
         Ball("", _passing(path, rng, 28, 1.05, 1.3), BLUE, tracked=False),
     )
-    return world(frames, Ball("marker", path, GREEN), *others)
+    return world(frames, Ball("marker", path, GREEN), *others, backdrop=Backdrop("astronaut", 2.6))
 
 
 def _similar_colour(rng: np.random.Generator, frames: int) -> World:
@@ -266,7 +271,8 @@ def _crossing(rng: np.random.Generator, frames: int) -> World:
 
         return image_path(NARROW, place)
 
-    return world(frames, Ball("near", placed(1.0, 0.9), YELLOW), Ball("far", placed(-1.0, 1.15), YELLOW))
+    balls = (Ball("near", placed(1.0, 0.9), YELLOW), Ball("far", placed(-1.0, 1.15), YELLOW))
+    return world(frames, *balls, backdrop=Backdrop("coffee", 2.6))
 
 
 def _exposure(rng: np.random.Generator, frames: int) -> World:
@@ -310,7 +316,7 @@ def _wide(rng: np.random.Generator, frames: int) -> World:
         Ball("left", loop(WIDE, rng, (330, 360), (420, 260), (0.35, 0.6), 0.7), GREEN),
         Ball("right", loop(WIDE, rng, (950, 360), (420, 260), (0.35, 0.6), 0.6), MAGENTA),
     )
-    return world(frames, *balls, camera=WIDE)
+    return world(frames, *balls, camera=WIDE, backdrop=Backdrop("astronaut", 2.6))
 
 
 def _coloured(colour: tuple[int, int, int], photograph: str, enlarge: float, gloss: float = 0.35) -> Maker:
@@ -330,10 +336,10 @@ STATIC_M = tuple(
     (x * z, y * z, z)
     for z, row in ((0.7, (-0.38, -0.19, 0.0, 0.19, 0.38)), (1.1, (0.38, 0.19, 0.0, -0.19, -0.38)),
                    (1.6, (-0.38, -0.19, 0.0, 0.19, 0.38)))
-    for x, y in zip(row, (0.18, -0.1, 0.0, -0.18, 0.1), strict=True)
+    for x, y in zip(row, (0.15, 0.03, -0.15, -0.02, 0.15), strict=True)
 )  # fmt: skip
 """The 15 positions of the scenario "static", (x, y, z) in metres: five directions at each of three depths."""
-STATIC_MOVE = 14
+STATIC_MOVE = 24
 """Frames in which the marker of "static" goes from one position to the next; it moves during the last ones.
 """
 
@@ -349,7 +355,9 @@ def _vfr(rng: np.random.Generator, frames: int) -> World:
     # One frame in nine is followed by one to four that were dropped; stamps jitter by up to 0.1 ms.
     gaps = np.where(rng.random(frames) < 1 / 9, rng.integers(2, 6, frames), 1)
     ticks = np.concatenate([[0], np.cumsum(gaps[1:] * TICKS) + rng.integers(-24, 25, frames - 1)])
-    return world(frames, Ball("marker", path, BLUE), ticks=tuple(int(t) for t in ticks))
+    return world(
+        frames, Ball("marker", path, BLUE), ticks=tuple(map(int, ticks)), backdrop=Backdrop("grass", 1.5)
+    )
 
 
 SCENARIOS: dict[str, Scenario] = {
@@ -381,6 +389,6 @@ SCENARIOS: dict[str, Scenario] = {
     "red": Scenario("a red marker (hue wraps) before red things", 360, _coloured(RED, "motorcycle", 2.2)),
     "white": Scenario("a white marker", 360, _coloured(WHITE, "rocket", 2.4)),
     "dark": Scenario("a dark marker", 360, _coloured(DARK, "chelsea", 3.2, 0.15)),
-    "static": Scenario("15 known positions, 0.7 to 1.6 m, held still", 480, _static),
+    "static": Scenario("15 known positions, 0.7 to 1.6 m, held still", 600, _static),
     "vfr": Scenario("variable frame rate: dropped frames and jittering stamps", 360, _vfr),
 }

@@ -63,7 +63,11 @@ def render(
     video, truth = folder / "session.mp4", folder / "truth.csv"
     seeds: dict[str, Seed] = {}
     clicks = np.random.default_rng([seed, 40_961])
-    with encoder(video, world, megabits) as write, truth.open("w", encoding="utf-8", newline="\n") as table:
+    video_part, truth_part = (path.with_name(path.name + ".part") for path in (video, truth))
+    with (
+        encoder(video_part, world, megabits) as write,
+        truth_part.open("w", encoding="utf-8", newline="\n") as table,
+    ):
         table.write(",".join(TRUTH_COLUMNS) + "\n")
         for index, (picture, stamp_ns, truths) in enumerate(scene.frames()):
             write(picture, world.ticks[index])
@@ -73,6 +77,8 @@ def render(
                     seeds[marker.marker] = Seed(marker.marker, index, _click(marker.circle, clicks))
             if progress is not None:
                 progress(index + 1, len(scene))
+    video_part.replace(video)
+    truth_part.replace(truth)
     given = tuple(seeds[ball.name] for ball in world.markers if ball.name in seeds)
     settings, seeds_file = folder / "settings.toml", folder / "seeds.toml"
     settings.write_text(settings_toml(world), encoding="utf-8", newline="\n")

@@ -33,6 +33,7 @@ class KcfConfig(StageConfig):
     sigma: float = Field(0.5, gt=0, description="Gaussian kernel width (eq 2.17)")
     regularisation: float = Field(1e-4, gt=0, description="lambda of eq 2.15")
     target_sigma: float = Field(0.1, gt=0, description="target width over sqrt of the marker's area in cells")
+    train_every: int = Field(4, ge=1, description="verified frames to one training; ours, neighbours are alike")
     learning_rate: float = Field(0.02, ge=0, le=1, description="share of the new patch in the model")
 
 

@@ -1,0 +1,292 @@
+"""Accuracy and failures, by the thesis' protocol and by VOT's, of the chain, a colour blob and OpenCV's
+trackers.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spheremcap.chain import ChainConfig
+from spheremcap.evaluation.blob import BlobTracker
+from spheremcap.evaluation.lab import Lab
+from spheremcap.evaluation.metrics import (
+    COLUMNS,
+    Score,
+    failure_frames,
+    false_accept_frames,
+    missed_frames,
+    reacquisitions,
+    stretches,
+    table_cells,
+)
+from spheremcap.evaluation.protocol import (
+    VOT_BURN_IN_FRAMES,
+    VOT_SKIP_FRAMES,
+    Run,
+    Trial,
+    chain_methods,
+    run_alone,
+    run_reseeded,
+    score_run,
+)
+from spheremcap.evaluation.result import Plot, Result, Table
+from spheremcap.evaluation.tracks import Scores, read_tracks
+
+PEERS = ("CSRT", "KCF", "MedianFlow", "Boosting", "MIL", "MOSSE")
+CHAIN, BLOB = "spheremcap", "HSV blob"
+_SHORT = (
+    "accuracy_pct", "accuracy_visible_pct", "failures", "centre_median_px", "radius_bias_pct",
+    "position_mean_mm", "range_bias_pct", "range_sd_pct", "false_accepts", "missed_pct",
+    "reacquire_max_frames", "never_reacquired", "nees_mean",
+)  # fmt: skip
+
+
+def accuracy(lab: Lab) -> Result:
+    """The chain alone on every session, all metrics, and the frames on which something went wrong."""
+    rows: dict[str, Score] = {}
+    faults = [["", "failures at", "false accepts at", "missed at", "came back at (+ frames until measured)"]]
+    for trial in lab.trials() + lab.clip_trials():
+        lab.tell(f"accuracy: {trial.name}")
+        scores = score_run(trial, run_alone(trial))
+        for marker, one, compared in _by_marker(trial, scores):
+            rows[marker] = one
+            back = [
+                f"{frame} (+{'never' if wait is None else wait})" for frame, wait in reacquisitions(compared)
+            ]
+            faults.append(
+                [
+                    marker,
+                    stretches(failure_frames(compared)),
+                    stretches(false_accept_frames(compared)),
+                    stretches(missed_frames(compared)),
+                    ", ".join(back) or "-",
+                ]
+            )
+
+    def draw(figure: Any) -> None:
+        axes = figure.subplots(1, 2, sharey=True)
+        names = list(rows)
+        places = np.arange(len(names))
+        values = [
+            100 - (one.accuracy_pct if one.accuracy_pct is not None else np.nan) for one in rows.values()
+        ]
+        axes[0].barh(places, values, color="tab:blue")
+        axes[0].set_yticks(places, names, fontsize=7)
+        axes[0].invert_yaxis()
+        axes[0].set_xlabel("100 - accuracy, %")
+        axes[1].barh(places, [one.centre_median_px or np.nan for one in rows.values()], color="tab:orange")
+        axes[1].set_xlabel("centre error, median, px")
+
+    return Result(
+        "accuracy",
+        "The chain alone",
+        "Each session once through, seeds as given (a click in whole pixels), no operator, one set of "
+        "settings. Errors are of VERIFIED frames against the outline's equal-area circle and the true 3D "
+        "centre; 3 is the expected NEES.",
+        "spheremcap experiment accuracy",
+        (
+            Table("All metrics", table_cells(rows, [name for name, _, _ in COLUMNS])),
+            Table("Where it went wrong", faults),
+        ),
+        (Plot("accuracy", "Overlap that is missing, and centre error", draw, (9, 0.9 + 0.24 * len(rows))),),
+    )
+
+
+def peers(lab: Lab) -> Result:
+    """Chain, colour blob and OpenCV's trackers, seeded again at each failure, on the same frames."""
+    trials = lab.trials() + lab.clip_trials()
+    folder = lab.folder / "peers"
+    scores: dict[str, dict[str, Score]] = {}
+    vot: dict[str, dict[str, tuple[float | None, int]]] = {}
+    for trial in trials:
+        lab.tell(f"peers: {trial.name}")
+        scores[trial.name] = {}
+        vot[trial.name] = {}
+        for method, run in _runs(trial, folder, 1).items():
+            scores[trial.name][method] = score_run(trial, run).overall
+        for method, run in _runs(trial, folder, VOT_SKIP_FRAMES, "-vot").items():
+            settled = score_run(trial, run, VOT_BURN_IN_FRAMES).overall.accuracy_visible_pct
+            vot[trial.name][method] = settled, score_run(trial, run).overall.failures
+    methods = list(dict.fromkeys(name for row in scores.values() for name in row))
+    duel = [["", *methods, "best peer", "better"]]
+    for name, row in scores.items():
+        cells = [_pair(row[m].accuracy_visible_pct, row[m].failures) if m in row else "-" for m in methods]
+        best = max((m for m in row if m != CHAIN), key=lambda m: _rank(row[m]), default=None)
+        duel.append([name, *cells, best or "-", _verdict(row.get(CHAIN), row[best]) if best else "-"])
+    vot_cells = [["", *methods]]
+    for name, pairs in vot.items():
+        vot_cells.append([name, *(_pair(*pairs[m]) if m in pairs else "-" for m in methods)])
+    every = {f"{name}: {m}": one for name, row in scores.items() for m, one in row.items()}
+    about = (
+        "A failure is no overlap with the true circle while at least half of the marker is visible (3 "
+        "frames of grace after it comes into view); the method is then seeded again with the true circle, "
+        "on the next frame (thesis) or 5 frames later (VOT, which also leaves 10 frames after each seed "
+        "out of the accuracy). Cells: mean Dice in % over all visible frames, where a frame without a "
+        "circle counts 0, and failures in brackets. A peer's box counts as its inscribed circle; what a "
+        "peer reports as found counts as VERIFIED."
+    )
+    if not folder.exists():
+        about += " OpenCV's trackers were not run: benchmarks/peers/run.sh SESSIONS FOLDER/peers."
+
+    def draw(figure: Any) -> None:
+        axes = figure.subplots(1, 2)
+        places = np.arange(len(methods))
+        rows = [[row[m] for row in scores.values() if m in row] for m in methods]
+        axes[0].bar(places, [np.mean([one.accuracy_visible_pct or 0.0 for one in group]) for group in rows])
+        axes[0].set_ylabel("mean Dice over visible frames, %")
+        axes[1].bar(places, [sum(one.failures for one in group) for group in rows], color="tab:red")
+        axes[1].set_ylabel("failures, all sessions")
+        for ax in axes:
+            ax.set_xticks(places, methods, rotation=45, ha="right")
+
+    return Result(
+        "peers",
+        "The chain and other trackers on the same frames",
+        about,
+        "benchmarks/peers/run.sh SESSIONS FOLDER/peers; spheremcap experiment peers",
+        (
+            Table("Thesis protocol: Dice % (failures)", duel),
+            Table("VOT protocol: Dice % (failures)", vot_cells),
+            Table("Thesis protocol, more metrics", table_cells(every, _SHORT)),
+        ),
+        (Plot("peers", "Mean over the sessions, and failures in all", draw),),
+    )
+
+
+def _runs(trial: Trial, folder: Path, skip_frames: int, suffix: str = "") -> dict[str, Run]:
+    """Every method's run of one trial: chain and blob are run here, the others read from their CSVs."""
+    runs = {
+        CHAIN: run_reseeded(trial, chain_methods(trial), skip_frames),
+        BLOB: run_reseeded(trial, {name: BlobTracker(name) for name in trial.markers}, skip_frames),
+    }
+    for peer in PEERS:
+        path = folder / trial.name / f"{peer}{suffix}.csv"
+        if path.exists():
+            runs[peer] = Run(tuple(read_tracks(path)[0]))
+    return runs
+
+
+def _pair(accuracy_pct: float | None, failures: int) -> str:
+    return f"{'-' if accuracy_pct is None else format(accuracy_pct, '.2f')} ({failures})"
+
+
+def _rank(one: Score) -> tuple[float, int]:
+    return one.accuracy_visible_pct or 0.0, -one.failures
+
+
+def _verdict(ours: Score | None, theirs: Score) -> str:
+    """Whether the chain beats the best peer in accuracy and failures."""
+    if ours is None:
+        return "-"
+    won = [
+        (ours.accuracy_visible_pct or 0) > (theirs.accuracy_visible_pct or 0),
+        ours.failures <= theirs.failures,
+    ]
+    return {(True, True): "yes", (True, False): "accuracy only", (False, True): "failures only"}.get(
+        (won[0], won[1]), "no"
+    )
+
+
+def _by_marker(trial: Trial, scores: Scores) -> list[tuple[str, Score, Any]]:
+    """(row name, score, comparison) of each marker; the session's name alone when it has one marker."""
+    alone = len(scores.markers) == 1
+    return [
+        (trial.name if alone else f"{trial.name}: {name}", one, compared)
+        for (name, one), compared in zip(scores.markers.items(), scores.comparisons, strict=True)
+    ]
+
+
+# --- ablation ---
+
+
+def variants(base: ChainConfig) -> Mapping[str, ChainConfig]:
+    """The chain with each stage taken out in turn."""
+
+    def without(stage: str, **changes: Any) -> ChainConfig:
+        return base.model_copy(update={stage: getattr(base, stage).model_copy(update=changes)})
+
+    trusting = {"th1": 0.0, "th2": 0.0, "visible": 0.0, "seed_colour": 0.0, "seed_around": 1.0}
+    known = {key: value for key, value in trusting.items() if key in type(base.jury).model_fields}
+    changes: list[tuple[str, str, dict[str, Any]]] = [
+        ("no Hough", "hough", {"enabled": False}),
+        ("no ColorSmartBoundary", "colour", {"enabled": False}),
+        ("no GeometryScale", "points", {"enabled": False}),
+        ("no Kalman prediction", "kalman", {"enabled": False}),
+        ("no votes (TH1 = TH2 = 0)", "jury", {"th1": 0.0, "th2": 0.0}),
+        ("no verification at all", "jury", known),
+        ("no shading model", "edge", {"shading": False}),
+        ("no chroma edges", "edge", {"chroma": False}),
+        ("no KCF", "kcf", {"enabled": False}),
+        ("no re-acquisition", "acquire", {"enabled": False}),
+        ("circle instead of edge rays", "position", {"formula": "circle"}),
+        ("thesis' formula, radius", "position", {"formula": "thesis", "thesis_size": "radius"}),
+    ]
+    able = {
+        name: without(stage, **change)
+        for name, stage, change in changes
+        if set(change) <= set(type(getattr(base, stage)).model_fields)
+    }
+    return {"whole chain": base, **able}
+
+
+def ablation(lab: Lab) -> Result:
+    """What each stage is worth: the chain alone without it, over all sessions."""
+    trials = lab.trials()
+    names = [*variants(trials[0].settings.chain), "no blur model"]
+    rows: dict[str, list[Scores]] = {name: [] for name in names}
+    for trial in trials:
+        for name, config in variants(trial.settings.chain).items():
+            lab.tell(f"ablation: {trial.name}, {name}")
+            rows[name].append(score_run(trial, run_alone(trial, config)))
+        lab.tell(f"ablation: {trial.name}, no blur model")
+        blind = trial.settings.camera.model_copy(update={"exposure_s": 0.0})
+        unblurred = _with_settings(trial, camera=blind)
+        rows["no blur model"].append(score_run(trial, run_alone(unblurred)))
+    heading = "accuracy % | of visible % | failures | false accepts | missed % | centre median px | 3D mm | "
+    cells = [["", *(heading + "range bias % | requests").split(" | ")]]
+    for name, scores in rows.items():
+        overall = [s.overall for s in scores]
+        cells.append(
+            [
+                name,
+                _average([o.accuracy_pct for o in overall], ".2f"),
+                _average([o.accuracy_visible_pct for o in overall], ".2f"),
+                str(sum(o.failures for o in overall)),
+                str(sum(o.false_accepts for o in overall)),
+                _average([o.missed_pct for o in overall], ".2f"),
+                _average([o.centre_median_px for o in overall], ".3f"),
+                _average([o.position_mean_mm for o in overall], ".2f"),
+                _average([o.range_bias_pct for o in overall], "+.3f"),
+                str(sum(_requests(s) for s in scores)),
+            ]
+        )
+    where = [["failures + false accepts", *(trial.name for trial in trials)]]
+    for name, scores in rows.items():
+        where.append([name, *(f"{s.overall.failures} + {s.overall.false_accepts}" for s in scores)])
+    return Result(
+        "ablation",
+        "What each stage is worth",
+        "Each session once through, alone, with one stage taken out. Averages are over sessions, counts "
+        "are sums.",
+        "spheremcap experiment ablation",
+        (Table("All sessions", cells), Table("Where: failures + false accepts", where)),
+    )
+
+
+def _with_settings(trial: Trial, **changes: Any) -> Trial:
+    settings = trial.settings.model_copy(update=changes)
+    return Trial(trial.name, trial.video, settings, trial.seeds, trial.truth)
+
+
+def _requests(scores: Scores) -> int:
+    """Operator requests of a run, back from their rate."""
+    spans = [c.stamp_ns[c.stamp_ns >= 0] for c in scores.comparisons]
+    minutes = max((float(s[-1] - s[0]) / 6e10 for s in spans if len(s) > 1), default=0.0)
+    return round((scores.overall.requests_per_min or 0.0) * minutes)
+
+
+def _average(values: Sequence[float | None], form: str) -> str:
+    there = [v for v in values if v is not None]
+    return format(float(np.mean(there)), form) if there else "-"

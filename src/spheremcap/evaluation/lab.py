@@ -1,0 +1,52 @@
+"""Where experiments find their sessions and keep what they found."""
+
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from spheremcap.errors import UsageError
+from spheremcap.evaluation.protocol import Trial, load_trial, load_trials
+from spheremcap.synth import names, render
+
+
+@dataclass(frozen=True)
+class Lab:
+    """The setting of every experiment.
+
+    `folder` keeps all that they write: sessions/NAME (rendered when missing), peers/ (written by
+    benchmarks/peers/run.sh) and a folder for each result. `sessions` may lie elsewhere. `clips` is a folder
+    of real clips, each with a CSV of its name. `quick` makes every experiment small, for a first look and
+    for tests. `only` names the scenarios where not all are wanted.
+    """
+
+    folder: Path
+    sessions: Path | None = None
+    clips: Path | None = None
+    quick: bool = False
+    only: tuple[str, ...] = ()
+    tell: Callable[[str], None] = lambda line: print(line, file=sys.stderr, flush=True)
+
+    def trial(self, scenario: str) -> Trial:
+        """A rendered session, made when it is not there yet. Raises UsageError for an unknown scenario."""
+        folder = (self.sessions or self.folder / "sessions") / scenario
+        if not (folder / "seeds.toml").exists():
+            if scenario not in names():
+                raise UsageError(f"unknown scenario {scenario!r}; there are: {', '.join(names())}")
+            self.tell(f"rendering {scenario}")
+            render(scenario, folder, frames=60 if self.quick else None)
+        return load_trial(folder)
+
+    def trials(self, among: Iterable[str] | None = None) -> list[Trial]:
+        """The sessions of all scenarios, or of `among`; only those of `only` where that is given."""
+        wanted = list(names() if among is None else among)
+        if self.only:
+            unknown = [name for name in self.only if name not in names()]
+            if unknown:
+                raise UsageError(f"unknown scenario {unknown[0]!r}; there are: {', '.join(names())}")
+            wanted = [name for name in wanted if name in self.only] or list(self.only)
+        return [self.trial(name) for name in wanted]
+
+    def clip_trials(self) -> list[Trial]:
+        """The real clips; none when no folder was given."""
+        return load_trials(self.clips) if self.clips is not None else []

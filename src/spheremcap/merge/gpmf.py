@@ -1,0 +1,125 @@
+"""GoPro telemetry (GPMF): accelerometer and gyroscope from the data track of a camera's own file.
+
+GPMF is key-length-value, big-endian: a four-letter key, a type letter, the size of one structure, their
+number, the data padded to four bytes; type 0 nests. Cameras before the HERO5 have none.
+"""
+
+import os
+import struct
+from collections.abc import Iterator
+from fractions import Fraction
+from typing import Any
+
+import av
+import av.error
+import numpy as np
+import numpy.typing as npt
+
+from spheremcap.core.time import ticks_to_ns
+from spheremcap.errors import SourceError
+
+_NUMBERS = {
+    "b": "i1",
+    "B": "u1",
+    "s": ">i2",
+    "S": ">u2",
+    "l": ">i4",
+    "L": ">u4",
+    "f": ">f4",
+    "d": ">f8",
+    "j": ">i8",
+}
+_QUANTITIES = {"ACCL": "linear_acceleration", "GYRO": "angular_velocity"}
+_FIRST_ORDER = "ZXY"
+"""The order of the axes where a stream does not state it (HERO5 to HERO7)."""
+
+FloatArray = npt.NDArray[np.float64]
+StampArray = npt.NDArray[np.int64]
+
+
+def read_gpmf(path: str | os.PathLike[str]) -> list[tuple[str, StampArray, FloatArray]]:
+    """(quantity, stamps (N,) from the video's zero, values (N, 3) in m/s^2 or rad/s in the camera's x, y, z).
+
+    A payload's samples are spread evenly over its packet's time, as the camera wrote them. Raises SourceError
+    when the file has no telemetry.
+    """
+    collected: dict[str, list[tuple[StampArray, FloatArray]]] = {}
+    try:
+        with av.open(str(path)) as container:
+            streams = [s for s in container.streams if s.type == "data" and _is_gpmf(s)]
+            if not streams:
+                raise SourceError(f"{path}: has no GoPro telemetry track (GPMF)")
+            for packet in container.demux(streams[0]):
+                if packet.size and packet.pts is not None and packet.time_base is not None:
+                    _collect(bytes(packet), packet.pts, packet.duration or 0, packet.time_base, collected)
+    except (av.error.FFmpegError, OSError) as error:
+        raise SourceError(f"{path}: cannot be read ({' '.join(str(error).split())})") from error
+    if not collected:
+        raise SourceError(f"{path}: its telemetry has neither accelerometer nor gyroscope")
+    return [
+        (quantity, np.concatenate([s for s, _ in parts]), np.concatenate([v for _, v in parts]))
+        for quantity, parts in sorted(collected.items(), reverse=True)
+    ]
+
+
+def _is_gpmf(stream: Any) -> bool:
+    tag = getattr(stream.codec_context, "codec_tag", "") if stream.codec_context is not None else ""
+    handler = stream.metadata.get("handler_name", "")
+    return tag == "gpmd" or "GoPro MET" in handler
+
+
+def _collect(
+    payload: bytes,
+    pts: int,
+    duration: int,
+    time_base: Fraction,
+    collected: dict[str, list[tuple[StampArray, FloatArray]]],
+) -> None:
+    for quantity, values in payload_samples(payload):
+        count = len(values)
+        stamps = [ticks_to_ns(pts * count + k * duration, time_base / count) for k in range(count)]
+        collected.setdefault(quantity, []).append((np.array(stamps, np.int64), values))
+
+
+def payload_samples(payload: bytes) -> Iterator[tuple[str, FloatArray]]:
+    """(quantity, values (N, 3) in SI, x, y, z) of every accelerometer and gyroscope stream in one payload."""
+    for key, kind, _, data in _items(payload):
+        if kind == "\0" and key == "STRM":
+            scale, order = np.ones(1), _FIRST_ORDER
+            for inner, letter, size, body in _items(data):
+                if inner == "SCAL" and letter in _NUMBERS:
+                    scale = np.frombuffer(body, _NUMBERS[letter]).astype(np.float64)
+                elif inner == "ORIN":
+                    order = body.decode("ascii", "replace")[:3]
+                elif inner in _QUANTITIES and letter in _NUMBERS:
+                    raw = np.frombuffer(body, _NUMBERS[letter]).astype(np.float64)
+                    three = size == 3 * np.dtype(_NUMBERS[letter]).itemsize
+                    if len(raw) and three and sorted(order.upper()) == ["X", "Y", "Z"]:
+                        yield _QUANTITIES[inner], _in_axes(raw.reshape(-1, 3) / scale, order)
+        elif kind == "\0":
+            yield from payload_samples(data)
+
+
+def _in_axes(raw: FloatArray, order: str) -> FloatArray:
+    """Columns as stored to x, y, z; a small letter is an axis that points the other way."""
+    out = np.empty_like(raw)
+    for k, letter in enumerate(order):
+        out[:, "XYZ".index(letter.upper())] = raw[:, k] if letter.isupper() else -raw[:, k]
+    return out
+
+
+def _items(data: bytes) -> Iterator[tuple[str, str, int, bytes]]:
+    """(key, type letter, structure size, data) one after another, up to whatever is cut off."""
+    position = 0
+    while position + 8 <= len(data):
+        key, kind, size, repeat = struct.unpack_from(">4scBH", data, position)
+        length = size * repeat
+        if key == b"\0\0\0\0" or position + 8 + length > len(data):
+            return
+        yield (
+            key.decode("ascii", "replace"),
+            kind.decode("latin-1"),
+            size,
+            data[position + 8 : position + 8 + length],
+        )
+        position += 8 + length + -length % 4

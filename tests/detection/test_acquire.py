@@ -1,0 +1,70 @@
+import pytest
+from scenes import BLUE, CAMERA, GREEN, ORANGE, Cover, ball_at, bgr_frame, picture, truth, yuv_frame
+
+from spheremcap.core.circle import Circle
+from spheremcap.core.frame import Patch, Window
+from spheremcap.detection.acquire import AcquireConfig, acquire
+from spheremcap.detection.colour import ColourConfig, disc_pixels, learn_box
+
+EVERYWHERE = Window(0, 0, CAMERA.width_px, CAMERA.height_px)
+
+
+def box_of(ball):
+    circle = truth(ball)
+    patch = Patch(bgr_frame(picture(ball)), Window.around(circle, 2 * circle.r_px))
+    return learn_box(disc_pixels(patch, circle, 0.8), ColourConfig())
+
+
+def found_in(image, ball, region=EVERYWHERE, frame_of=bgr_frame, last=None):
+    return acquire(frame_of(image), box_of(ball), 1.0, last or truth(ball), region, AcquireConfig())
+
+
+@pytest.mark.parametrize("frame_of", [bgr_frame, yuv_frame])
+@pytest.mark.parametrize("rgb", [ORANGE, GREEN, BLUE])
+@pytest.mark.parametrize("r", [8, 14, 28])
+def test_a_disc_is_found_anywhere_with_no_prior(r, rgb, frame_of):
+    known = ball_at(160, 120, r, rgb=rgb)
+    for x, y in ((40, 45), (280, 200), (200.5, 60.2)):
+        ball = ball_at(x, y, r, rgb=rgb)
+        found = found_in(picture(ball, noise_seed=3), known, frame_of=frame_of)
+        assert found
+        assert found[0].distance(truth(ball)) < 0.35 * r + 1
+        assert 0.6 < found[0].r_px / r < 1.5
+
+
+def test_the_disc_comes_before_a_bar_of_its_colour():
+    known = ball_at(160, 120, 14)
+    ball = ball_at(70, 60, 14)
+    image = picture(ball, covers=(Cover(180, 100, 290, 112, ORANGE),))
+    found = found_in(image, known)
+    assert found[0].distance(truth(ball)) < 5
+
+
+def test_size_tells_two_discs_of_one_colour_apart():
+    known = ball_at(160, 120, 12)
+    right, large = ball_at(70, 60, 12), ball_at(230, 150, 21)
+    found = found_in(picture(large, right), known)
+    assert found[0].distance(truth(right)) < 5
+
+
+def test_only_the_region_is_searched():
+    ball = ball_at(70, 60, 14)
+    image = picture(ball)
+    assert found_in(image, ball, Window(150, 0, 170, 240)) == []
+    assert found_in(image, ball, Window(30, 20, 90, 90))[0].distance(truth(ball)) < 5
+
+
+def test_a_region_out_of_the_picture_finds_nothing():
+    assert found_in(picture(ball_at(70, 60, 14)), ball_at(70, 60, 14), Window(-200, -200, 100, 100)) == []
+
+
+def test_no_disc_no_candidates_and_never_more_than_asked_for():
+    known = ball_at(160, 120, 12)
+    assert found_in(picture(), known) == []
+    many = [ball_at(30 + 45 * k, 60 + 70 * (k % 2), 12) for k in range(7)]
+    assert len(found_in(picture(*many), known)) == AcquireConfig().most
+
+
+def test_a_far_larger_or_smaller_disc_is_no_candidate():
+    ball = ball_at(160, 120, 40)
+    assert found_in(picture(ball), ball, last=Circle(160, 120, 10)) == []

@@ -1,0 +1,237 @@
+"""Sub-pixel outlines of shaded spheres: through MarkerChain.seed, and the edge points themselves."""
+
+import numpy as np
+import pytest
+from scenes import BLUE, CAMERA, GREEN, ORANGE, RADIUS_M, Cover, ball_at, bgr_frame, picture, truth, yuv_frame
+
+from spheremcap.chain import ChainConfig, MarkerChain
+from spheremcap.core.circle import Circle
+from spheremcap.core.frame import Patch, Window
+from spheremcap.core.marker import MarkerSpec
+from spheremcap.detection.edge import EdgeConfig, find_edges
+from spheremcap.positioning.sphere import circle_of_sphere, fit_sphere, outline_px
+
+SPEC = MarkerSpec("marker", 2 * RADIUS_M)
+COLOURS = (ORANGE, GREEN, BLUE)
+PLACES = [(131.3, 104.8), (166.0, 118.5), (190.72, 131.27), (148.4, 139.9), (175.15, 98.33), (120.85, 121.6)]
+
+
+def seeded(frame, near):
+    return MarkerChain(SPEC, CAMERA, ChainConfig()).seed(frame, near)
+
+
+def outline_errors(r, frame_of, noise=2.0):
+    """(x, y, r) errors in pixels over places, colours and noise; the seed is a careless circle."""
+    errors = []
+    for k, (x, y) in enumerate(PLACES):
+        ball = ball_at(x, y, r, rgb=COLOURS[k % 3])
+        true = truth(ball)
+        near = Circle(true.x_px + 0.07 * r * (-1) ** k, true.y_px - 0.05 * r, r * (1.04 if k % 2 else 0.97))
+        found = seeded(frame_of(picture(ball, noise=noise, noise_seed=k)), near).circle
+        errors.append((found.x_px - true.x_px, found.y_px - true.y_px, found.r_px - true.r_px))
+    return np.array(errors)
+
+
+def edges_of(frame, ball, off=(0.6, -0.4), **how):
+    """Edge points from an outline a little off the truth."""
+    circle = truth(ball)
+    xyz = np.array(ball.xyz)
+    start = outline_px(xyz, RADIUS_M, CAMERA) + off
+    patch = Patch(frame, Window.around(circle, 2.5 * circle.r_px))
+    return find_edges(patch, start, circle.r_px, 2.5, (0.0, 0.0), None, EdgeConfig(**how))
+
+
+@pytest.mark.parametrize("frame_of", [bgr_frame, yuv_frame])
+@pytest.mark.parametrize("r", [8, 12, 20, 30])
+def test_the_centre_of_a_shaded_sphere_is_found_to_a_tenth_of_a_pixel(r, frame_of):
+    errors = outline_errors(r, frame_of)
+    assert np.median(np.hypot(errors[:, 0], errors[:, 1])) < 0.1
+    assert np.abs(errors[:, :2].mean(axis=0)).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("r", "frame_of"), [(12, bgr_frame), (20, bgr_frame), (30, bgr_frame), (20, yuv_frame), (30, yuv_frame)]
+)
+def test_the_radius_is_biased_by_less_than_a_tenth_of_a_pixel(r, frame_of):
+    assert abs(outline_errors(r, frame_of)[:, 2].mean()) < 0.1
+
+
+@pytest.mark.parametrize(("r", "frame_of"), [(8, bgr_frame), (8, yuv_frame), (12, yuv_frame)])
+def test_the_radius_of_a_small_marker_is_biased_by_less_than_a_quarter_of_a_pixel(r, frame_of):
+    assert abs(outline_errors(r, frame_of)[:, 2].mean()) < 0.25
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="the edge model is a straight edge: blur of sigma draws a circle's edge in by sigma^2 / 2r, which is 0.1 px "
+    "at r = 8 with chroma blur even on a flat, noise-free disc",
+)
+def test_the_radius_of_a_small_marker_in_subsampled_video_is_biased_by_less_than_a_tenth():
+    for r in (8, 12):
+        assert abs(outline_errors(r, yuv_frame)[:, 2].mean()) < 0.1
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(7, 0), (0, -9), (-23, 14)])
+def test_shifting_the_picture_by_whole_pixels_shifts_every_edge_point_by_just_that(dx, dy):
+    ball = ball_at(160.3, 119.8, 15)
+    still, moved = bgr_frame(picture(ball, noise=0)), bgr_frame(picture(ball, noise=0, shift=(dx, dy)))
+    circle = truth(ball)
+    outline = outline_px(np.array(ball.xyz), RADIUS_M, CAMERA) + (0.5, 0.3)
+    config = EdgeConfig()
+    window = Window.around(circle, 40)
+    there = Window(window.x + dx, window.y + dy, window.width, window.height)
+    a = find_edges(Patch(still, window), outline, circle.r_px, 2.0, (0.0, 0.0), None, config)
+    b = find_edges(Patch(moved, there), outline + (dx, dy), circle.r_px, 2.0, (0.0, 0.0), None, config)
+    np.testing.assert_allclose(b.points_px, a.points_px + (dx, dy), atol=1e-6)
+    np.testing.assert_allclose(b.sd_px, a.sd_px, atol=1e-9)
+    np.testing.assert_array_equal(b.ray, a.ray)
+
+
+def test_the_patch_cut_out_does_not_move_the_edges():
+    ball = ball_at(160.3, 119.8, 15)
+    frame, circle = bgr_frame(picture(ball, noise=0)), truth(ball)
+    outline = outline_px(np.array(ball.xyz), RADIUS_M, CAMERA)
+    found = [
+        find_edges(Patch(frame, window), outline, circle.r_px, 2.0, (0.0, 0.0), None, EdgeConfig()).points_px
+        for window in (Window(100, 60, 121, 121), Window(108, 71, 110, 100))
+    ]
+    np.testing.assert_allclose(found[0], found[1], atol=1e-4)
+
+
+@pytest.mark.parametrize("rgb", COLOURS)
+def test_edge_points_lie_on_the_outline_and_their_deviations_are_honest(rgb):
+    residuals = []
+    for seed in range(6):
+        ball = ball_at(160.3 + seed * 0.37, 119.8, 20, rgb=rgb)
+        edges = edges_of(bgr_frame(picture(ball, noise_seed=seed, backdrop=seed)), ball)
+        centre = truth(ball)
+        away = np.hypot(*(edges.points_px - (centre.x_px, centre.y_px)).T) - centre.r_px
+        residuals.append(away / edges.sd_px)
+        assert np.abs(away).max() < 1.5
+        assert len(edges.points_px) == len(edges.sd_px) == len(edges.ray) == len(edges.offset_px)
+        assert edges.rays == 72
+    spread = np.median(np.abs(np.concatenate(residuals))) * 1.48
+    assert 0.3 < spread < 4
+
+
+def hidden_from(side, share, circle):
+    """A cover over this share of the circle's width."""
+    d = (1 - 2 * share) * circle.r_px
+    return {
+        "left": Cover(0, 0, round(circle.x_px - d), 240),
+        "right": Cover(round(circle.x_px + d), 0, 320, 240),
+        "top": Cover(0, 0, 320, round(circle.y_px - d)),
+        "bottom": Cover(0, round(circle.y_px + d), 320, 240),
+    }[side]
+
+
+SIDES = ("left", "right", "top", "bottom")
+
+
+@pytest.mark.parametrize("r", [12, 20])
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_the_edges_of_a_part_hidden_sphere_still_give_its_full_circle(r, share):
+    errors = []
+    for seed, side in enumerate(SIDES):
+        ball = ball_at(158.3, 121.6, r)
+        true = truth(ball)
+        frame = bgr_frame(picture(ball, covers=(hidden_from(side, share, true),), noise_seed=seed))
+        outline = outline_px(np.array(ball.xyz), RADIUS_M, CAMERA) + (0.3, -0.15)
+        patch = Patch(frame, Window.around(true, 3 * r))
+        edges = find_edges(patch, outline, r, 1.5, (0.0, 0.0), None, EdgeConfig())
+        sd_rad = edges.sd_px / CAMERA.fx_px
+        fit = fit_sphere(CAMERA.rays(edges.points_px), sd_rad, RADIUS_M, np.array(ball.xyz) * 1.01, loose=15)
+        found = circle_of_sphere(fit.xyz_cam_m, RADIUS_M, CAMERA)
+        errors.append((found.distance(true), abs(found.r_px - true.r_px)))
+    assert np.mean(errors, axis=0).max() < 0.5
+    assert np.max(errors) < 0.8
+
+
+def part_hidden_step(r, share, side):
+    """The chain's estimate on the first frame on which a share of the marker is hidden, and the truth."""
+    ball = ball_at(158.3, 121.6, r)
+    true = truth(ball)
+    chain = MarkerChain(SPEC, CAMERA, ChainConfig())
+    chain.seed(bgr_frame(picture(ball, noise_seed=5)), true)
+    return chain.step(bgr_frame(picture(ball, covers=(hidden_from(side, share, true),)), 1)), true
+
+
+@pytest.mark.parametrize("r", [12, 20])
+@pytest.mark.parametrize("share", [0.2, 0.35, 0.5])
+def test_a_part_hidden_sphere_is_verified_only_with_its_full_circle(r, share):
+    for side in SIDES:
+        estimate, true = part_hidden_step(r, share, side)
+        assert estimate.circle.distance(true) < 0.8
+        assert abs(estimate.circle.r_px - true.r_px) < 0.8
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="the claim is the proposal with most edges, and the colour blob's smaller circle, which fits the D that is "
+    "left of the marker, has more of them than the prediction's true one",
+)
+def test_a_fifth_hidden_sphere_is_claimed_with_its_full_circle():
+    for side in SIDES:
+        estimate, true = part_hidden_step(20, 0.2, side)
+        assert estimate.claim.distance(true) < 0.5
+
+
+def test_visible_is_the_share_of_the_outline_with_an_edge():
+    ball = ball_at(160, 120, 20)
+    assert seeded(bgr_frame(picture(ball)), truth(ball)).visible > 0.85
+
+
+def test_a_sphere_across_the_pictures_border_keeps_its_true_circle():
+    ball = ball_at(6.0, 118.4, 18)
+    true = truth(ball)
+    found = seeded(bgr_frame(picture(ball)), Circle(true.x_px + 0.8, true.y_px - 0.6, true.r_px * 1.03))
+    assert found.circle.distance(true) < 0.5
+    assert abs(found.circle.r_px - true.r_px) < 0.5
+
+
+def test_where_there_is_no_contrast_there_are_no_edges():
+    ball = ball_at(160, 120, 15)
+    flat = bgr_frame(np.full((240, 320, 3), 110, np.uint8))
+    found = edges_of(flat, ball)
+    assert found is None or len(found.points_px) < 10
+
+
+def test_an_edge_out_of_reach_is_not_taken_for_one_within():
+    ball = ball_at(160.3, 119.8, 20)
+    circle = truth(ball)
+    edges = edges_of(bgr_frame(picture(ball)), ball, off=(0, 0))
+    assert np.abs(edges.offset_px).max() <= 2.5 + 0.5
+    small = outline_px(np.array(ball.xyz) * 1.6, RADIUS_M, CAMERA)  # a circle 60 % further in
+    patch = Patch(bgr_frame(picture(ball)), Window.around(circle, 50))
+    inner = find_edges(patch, small, circle.r_px / 1.6, 1.5, (0.0, 0.0), None, EdgeConfig())
+    if inner is not None:
+        fit = fit_sphere(CAMERA.rays(inner.points_px), inner.sd_px / CAMERA.fx_px, RADIUS_M, np.array(ball.xyz) * 1.6)
+        found = None if fit is None else circle_of_sphere(fit.xyz_cam_m, RADIUS_M, CAMERA)
+        assert found is None or found.r_px < 0.8 * circle.r_px
+        assert len(inner.points_px) < 72
+
+
+def test_the_colour_mask_leaves_foreign_edges_out():
+    ball = ball_at(160.3, 119.8, 15)
+    frame, circle = bgr_frame(picture(ball)), truth(ball)
+    patch = Patch(frame, Window.around(circle, 40))
+    outline = outline_px(np.array(ball.xyz), RADIUS_M, CAMERA)
+    mask = np.full(patch.bgr.shape[:2], 255, np.uint8)
+    mask[:, patch.bgr.shape[1] // 2 :] = 0
+    edges = find_edges(patch, outline, circle.r_px, 2.0, (0.0, 0.0), mask, EdgeConfig())
+    assert (edges.points_px[:, 0] < circle.x_px + 2).all()
+    assert len(edges.points_px) > 20
+
+
+def test_the_light_is_mixed_in_linear_intensities():
+    """A bright marker on dark and a dark one on bright have no opposite radius errors (a coded edge would have)."""
+    errors = []
+    for rgb, gain in (((250, 250, 90), 0.25), ((40, 20, 60), 1.6)):
+        found = []
+        for k in range(4):
+            ball = ball_at(150.3 + 3.3 * k, 119.8, 18, rgb=rgb)
+            true = truth(ball)
+            image = picture(ball, noise_seed=k, shading=0.0, gain=gain if rgb[0] < 100 else 1.0)
+            found.append(seeded(bgr_frame(image), true).circle.r_px - true.r_px)
+        errors.append(np.mean(found))
+    assert abs(errors[0] - errors[1]) < 0.12

@@ -1,0 +1,211 @@
+"""Settings and seeds: TOML in, TOML out, and errors that name the key."""
+
+import tomllib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spheremcap.chain import ChainConfig
+from spheremcap.config import (
+    CameraSettings,
+    MarkerSettings,
+    OutputSettings,
+    Settings,
+    load_seeds,
+    load_settings,
+    parse_seed,
+    seeds_toml,
+)
+from spheremcap.core.circle import Circle
+from spheremcap.core.marker import Seed
+from spheremcap.errors import SettingsError, SpheremcapError
+from spheremcap.tracking.kcf import KcfConfig
+
+
+@pytest.fixture
+def settings_file(tmp_path):
+    def write(text):
+        path = tmp_path / "settings.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ("colour = 1", "colour"),
+        ("[camera]\nfoo = 1", "camera.foo"),
+        ("[chain.kcf]\ncells = 3", "chain.kcf.cells"),
+        ('[[markers]]\nname = "a"\nsize = 3', "markers.0.size"),
+    ],
+)
+def test_an_unknown_key_is_named_with_its_place_and_where_to_look(settings_file, text, key):
+    path = settings_file(text)
+    with pytest.raises(SettingsError, match="unknown key") as caught:
+        load_settings(path)
+    message = str(caught.value)
+    assert f"'{key}'" in message
+    assert str(path) in message
+    assert "spheremcap config show" in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "found"),
+    [
+        ("[chain.jury]\nth1 = 7", "chain.jury.th1", "7"),
+        ('[chain.kcf]\nkernel = "cubic"', "chain.kcf.kernel", "cubic"),
+        ("[session]\nsmoother_lag_frames = 0", "session.smoother_lag_frames", "0"),
+        ('[[markers]]\nname = "left wrist"', "markers.0.name", "left wrist"),
+        ("[camera]\nfx_px = -3", "camera.fx_px", "-3"),
+        ("[[markers]]\ndiameter_m = 0.04", "markers.0.name", ""),
+    ],
+)
+def test_a_value_out_of_range_is_named_with_what_was_found(settings_file, text, key, found):
+    with pytest.raises(SettingsError) as caught:
+        load_settings(settings_file(text))
+    assert key in str(caught.value)
+    assert found in str(caught.value)
+
+
+def test_what_is_not_toml_or_not_there_says_so(settings_file, tmp_path):
+    with pytest.raises(SettingsError, match="not TOML"):
+        load_settings(settings_file("this is = = not"))
+    with pytest.raises(SettingsError, match="no such file"):
+        load_settings(tmp_path / "missing.toml")
+    with pytest.raises(SettingsError, match="cannot be read"):
+        load_settings(tmp_path)
+
+
+def test_every_settings_error_is_the_projects_own():
+    assert issubclass(SettingsError, SpheremcapError)
+
+
+def test_defaults_come_back_from_their_own_toml(settings_file):
+    assert load_settings(settings_file(Settings().to_toml())) == Settings()
+
+
+def test_changed_settings_come_back_from_their_own_toml(settings_file):
+    settings = Settings(
+        camera=CameraSettings(
+            width_px=1280, height_px=720, fx_px=1150.5, fy_px=1151.0, cx_px=639.5, cy_px=359.5,
+            model="plumb_bob", distortion=(-0.31, 0.17, 1e-5, 0.0), exposure_s=0.002,
+        ),
+        markers=(MarkerSettings(name="left_wrist", diameter_m=0.038), MarkerSettings(name="elbow")),
+        chain=ChainConfig(kcf=KcfConfig(kernel="linear", padding=2.25)),
+        output=OutputSettings(video="jpeg", debug_images="none"),
+    )  # fmt: skip
+    assert load_settings(settings_file(settings.to_toml())) == settings
+
+
+def test_the_toml_shows_every_key_that_has_a_value():
+    tables = tomllib.loads(Settings().to_toml())
+    for name in ChainConfig.model_fields:
+        assert set(tables["chain"][name]) == set(type(getattr(ChainConfig(), name)).model_fields)
+    assert tables["session"]["smoother_lag_frames"] == 60
+
+
+@pytest.mark.parametrize(
+    ("text", "metres"),
+    [("4 cm", 0.04), ("40mm", 0.04), ("0.04 m", 0.04), ("1.5 in", 0.0381), (" 3.8cm ", 0.038)],
+)
+def test_lengths_have_units(settings_file, text, metres):
+    settings = load_settings(settings_file(f'[[markers]]\nname = "a"\ndiameter = "{text}"'))
+    assert settings.markers[0].diameter_m == pytest.approx(metres, abs=1e-12)
+    assert settings.markers[0].spec().radius_m == pytest.approx(metres / 2)
+
+
+@pytest.mark.parametrize("text", ["4", "4 km", "cm", "four cm", "-4 cm"])
+def test_what_is_no_length_is_refused(settings_file, text):
+    with pytest.raises(SettingsError, match="is not a length such as"):
+        load_settings(settings_file(f'[[markers]]\nname = "a"\ndiameter = "{text}"'))
+
+
+@pytest.mark.parametrize("text", ["1.2.3 cm", ". cm"])
+def test_what_only_looks_like_a_length_is_refused_too(settings_file, text):
+    with pytest.raises(SettingsError):
+        load_settings(settings_file(f'[[markers]]\nname = "a"\ndiameter = "{text}"'))
+
+
+def test_both_diameters_at_once_are_refused(settings_file):
+    with pytest.raises(SettingsError):
+        load_settings(settings_file('[[markers]]\nname = "a"\ndiameter = "4 cm"\ndiameter_m = 0.05'))
+
+
+def test_two_markers_of_one_name_are_refused(settings_file):
+    with pytest.raises(SettingsError, match="'a' is there twice"):
+        load_settings(settings_file('[[markers]]\nname = "a"\n[[markers]]\nname = "a"'))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('preset = "thesis"\nfile = "a.yaml"', "not several"),
+        ('preset = "thesis"\nfx_px = 1000', "not several"),
+        ("fx_px = 1000\nfy_px = 1000\ncx_px = 640", "need width_px, height_px"),
+    ],
+)
+def test_the_camera_is_given_in_one_way_and_wholly(settings_file, text, message):
+    with pytest.raises(SettingsError, match=message):
+        load_settings(settings_file("[camera]\n" + text))
+
+
+def test_settings_do_not_change():
+    with pytest.raises(ValueError, match="frozen"):
+        Settings().chain.kcf.padding = 3  # type: ignore[misc]
+
+
+# -- seeds --------------------------------------------------------------------------------------------------------
+
+numbers = st.floats(-1e5, 1e5, allow_nan=False)
+seeds = st.builds(
+    Seed, st.from_regex(r"[A-Za-z0-9_]{1,12}", fullmatch=True), st.integers(0, 10**6), st.builds(Circle, numbers, numbers, numbers)
+)
+
+
+def test_a_seed_on_the_command_line():
+    assert parse_seed("left_wrist@0=812,430,24") == Seed("left_wrist", 0, Circle(812, 430, 24))
+    assert parse_seed(" a@17=-1.5,2e2,.5 ") == Seed("a", 17, Circle(-1.5, 200, 0.5))
+
+
+@given(seeds)
+def test_a_seed_written_for_the_command_line_is_read_back(seed):
+    c = seed.circle
+    assert parse_seed(f"{seed.marker}@{seed.frame_index}={c.x_px!r},{c.y_px!r},{c.r_px!r}") == seed
+
+
+@pytest.mark.parametrize(
+    "text", ["", "left_wrist", "a@0=1,2", "a@0=1,2,3,4", "a@-1=1,2,3", "a=1,2,3", "a@0=x,2,3", "a b@0=1,2,3", "a@0=1,2,--3", "a@0=1,2,e"]
+)
+def test_what_is_no_seed_says_what_one_looks_like(text):
+    with pytest.raises(SettingsError, match="MARKER@FRAME=X,Y,R, such as left_wrist@0=812,430,24"):
+        parse_seed(text)
+
+
+@given(st.lists(seeds, max_size=4))
+def test_a_seeds_file_is_read_back_as_written(tmp_path_factory, given_seeds):
+    path = tmp_path_factory.getbasetemp() / "seeds.toml"
+    path.write_text(seeds_toml(given_seeds), encoding="utf-8")
+    if given_seeds:
+        assert load_seeds(path) == given_seeds
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"expected \[\[seeds\]\]"),
+        ("seeds = 3", r"expected \[\[seeds\]\]"),
+        ("[[seeds]]\nmarker = 'a'", "seed 1 must have marker, frame, x_px, y_px and r_px"),
+        ("[[seeds]]\nmarker='a'\nframe=0\nx_px=1\ny_px=2\nr_px=3\nextra=4", "seed 1 must have"),
+        ("[[seeds]]\nmarker='a'\nframe=0\nx_px='left'\ny_px=2\nr_px=3", "seed 1: "),
+    ],
+)
+def test_a_wrong_seeds_file_names_the_seed_and_what_it_lacks(tmp_path, text, message):
+    path = tmp_path / "seeds.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(SettingsError, match=message) as caught:
+        load_seeds(path)
+    assert str(path) in str(caught.value)

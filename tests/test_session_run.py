@@ -1,0 +1,306 @@
+"""All markers over one source: seeds, requests, smoothing, and what a session costs."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scenes import CAMERA, GREEN, ORANGE, PERIOD_NS, RADIUS_M, Ball, bgr_frame, picture, truth
+
+from spheremcap.core.circle import Circle
+from spheremcap.core.estimate import Status
+from spheremcap.core.frame import BgrFrame
+from spheremcap.core.marker import MarkerSpec, Seed
+from spheremcap.core.time import NS_PER_S
+from spheremcap.errors import UsageError
+from spheremcap.session import Session, SessionConfig
+
+MARKERS = (MarkerSpec("wrist", 2 * RADIUS_M), MarkerSpec("elbow", 2 * RADIUS_M))
+HIDDEN = range(12, 22)  # the wrist's
+
+
+def wrist(i):
+    w = 2 * np.pi * 3.0 * i * PERIOD_NS / NS_PER_S
+    return Ball((-0.08 + 0.05 * float(np.sin(w)), 0.06 * float(np.cos(w)), 0.9), ORANGE)
+
+
+def elbow(i):
+    w = 2 * np.pi * 2.0 * i * PERIOD_NS / NS_PER_S
+    return Ball((0.1 + 0.03 * float(np.cos(w)), 0.05 * float(np.sin(w)), 0.8), GREEN)
+
+
+BALLS = {"wrist": wrist, "elbow": elbow}
+
+
+@lru_cache(maxsize=200)
+def image(i, hidden=False):
+    return picture(*([] if hidden else [wrist(i)]), elbow(i), noise_seed=i)
+
+
+def frames(count, hidden=()):
+    for i in range(count):
+        yield bgr_frame(image(i, i in hidden), i)
+
+
+def seed(name, index=0):
+    return Seed(name, index, truth(BALLS[name](index)))
+
+
+BOTH = (seed("wrist"), seed("elbow"))
+
+
+def session(seeds=BOTH, lag=60, markers=MARKERS, **how):
+    return Session(CAMERA, markers, seeds, config=SessionConfig(smoother_lag_frames=lag), **how)
+
+
+def of(results, name):
+    return [e for r in results for e in r.estimates if e.marker == name]
+
+
+@lru_cache(maxsize=1)
+def plain_run():
+    return tuple(session(lag=10).run(frames(48)))
+
+
+@lru_cache(maxsize=1)
+def hidden_run():
+    return tuple(session().run(frames(40, HIDDEN)))
+
+
+# -- frames and markers -------------------------------------------------------------------------------------------
+
+
+def test_every_frame_gives_one_result_in_order_with_every_marker():
+    results = plain_run()
+    assert [r.frame_index for r in results] == list(range(48))
+    assert [r.stamp_ns for r in results] == [i * PERIOD_NS for i in range(48)]
+    for result in results:
+        assert [e.marker for e in result.estimates] == ["wrist", "elbow"]
+
+
+def test_each_marker_is_followed_on_its_own():
+    for name, ball in BALLS.items():
+        estimates = of(plain_run(), name)
+        assert [e.status for e in estimates] == [Status.SEEDED] + [Status.VERIFIED] * 47
+        assert max(e.circle.distance(truth(ball(e.frame_index))) for e in estimates) < 0.35
+
+
+def test_a_second_marker_changes_nothing_for_the_first():
+    alone = of(session((seed("wrist"),), markers=MARKERS[:1]).run(frames(15)), "wrist")
+    together = of(session().run(frames(15)), "wrist")
+    assert [e.circle for e in alone] == [e.circle for e in together]
+
+
+def test_each_frame_is_taken_from_the_source_once_and_none_ahead_of_need():
+    taken = []
+
+    def source():
+        for frame in frames(30):
+            taken.append(frame.index)
+            yield frame
+
+    run = session(lag=5).run(source())
+    next(run)
+    assert len(taken) == 10  # two lags: what the smoother waits for
+    rest = list(run)
+    assert taken == list(range(30))
+    assert len(rest) == 29
+
+
+def test_no_more_frames_are_pending_than_two_lags():
+    ahead = 0
+    taken = 0
+
+    def source():
+        nonlocal taken
+        for frame in frames(48):
+            taken += 1
+            yield frame
+
+    for given, _ in enumerate(session(lag=4).run(source())):
+        ahead = max(ahead, taken - given)
+    assert ahead <= 8
+
+
+def test_a_frame_is_not_held_back_with_its_result():
+    """Memory stays flat: results do not keep the pictures."""
+    import gc
+    import weakref
+
+    alive = []
+
+    def source():
+        for frame in frames(40):
+            own = BgrFrame(frame.index, frame.stamp_ns, frame.image.copy())
+            alive.append(weakref.ref(own))
+            yield own
+
+    kept = list(session(lag=5).run(source()))
+    gc.collect()
+    assert len(kept) == 40
+    assert sum(ref() is not None for ref in alive) <= 3
+
+
+def test_two_runs_are_the_same():
+    a, b = (list(session(lag=6).run(frames(20))) for _ in range(2))
+    for x, y in zip(a, b, strict=True):
+        assert [(e.status, e.circle, e.vote_sum) for e in x.estimates] == [
+            (e.status, e.circle, e.vote_sum) for e in y.estimates
+        ]
+        for p, q in zip(x.smoothed, y.smoothed, strict=True):
+            np.testing.assert_array_equal(p.xyz_cam_m, q.xyz_cam_m)
+
+
+def test_an_empty_source_with_no_seed_due_says_what_is_missing():
+    with pytest.raises(UsageError, match="the source has 0 frames"):
+        list(session().run([]))
+
+
+# -- seeds --------------------------------------------------------------------------------------------------------
+
+
+def test_a_marker_appears_with_its_first_seed():
+    results = list(session((seed("wrist"), seed("elbow", 6))).run(frames(12)))
+    assert [len(r.estimates) for r in results] == [1] * 6 + [2] * 6
+    assert of(results, "elbow")[0].status is Status.SEEDED
+
+
+def test_a_later_seed_is_a_correction():
+    astray = Seed("wrist", 0, Circle(30.0, 215.0, 13.0))  # a wrong click on the background
+    results = list(session((astray, seed("wrist", 8), seed("elbow"))).run(frames(16)))
+    estimates = of(results, "wrist")
+    assert estimates[8].status is Status.SEEDED
+    for estimate in estimates[8:]:
+        assert estimate.status.measured
+        assert estimate.circle.distance(truth(wrist(estimate.frame_index))) < 0.35
+
+
+def test_seeds_may_be_given_in_any_order():
+    results = list(session((seed("wrist", 8), seed("elbow"), seed("wrist"))).run(frames(12)))
+    seeded = [e.frame_index for e in of(results, "wrist") if e.status is Status.SEEDED]
+    assert seeded == [0, 8]
+
+
+def test_a_correction_brings_a_lost_marker_back():
+    results = list(session((*BOTH, seed("wrist", 25))).run(frames(30, range(12, 25))))
+    statuses = [e.status for e in of(results, "wrist")]
+    assert statuses[24] is Status.LOST
+    assert statuses[25] is Status.SEEDED
+    assert all(s is Status.VERIFIED for s in statuses[26:])
+
+
+def test_a_seed_of_an_unknown_marker_names_it_and_the_known_ones():
+    with pytest.raises(UsageError, match=r"'knee'.*wrist, elbow"):
+        session((*BOTH, Seed("knee", 0, Circle(50, 50, 10))))
+
+
+def test_a_marker_without_a_seed_says_how_to_give_one():
+    with pytest.raises(UsageError, match=r"'elbow' has no seed.*--seed elbow@FRAME=X,Y,R"):
+        session((seed("wrist"),))
+
+
+@pytest.mark.parametrize("circle", [Circle(-5, 50, 10), Circle(50, 240, 10), Circle(400, 50, 10), Circle(50, 50, 0.5)])
+def test_a_seed_outside_the_picture_is_an_error_that_says_where(circle):
+    with pytest.raises(UsageError, match=r"seed of wrist on frame 0: circle x=.* outside the 320x240 picture"):
+        list(session((Seed("wrist", 0, circle), seed("elbow"))).run(frames(3)))
+
+
+def test_a_seed_on_a_frame_that_never_came_is_an_error_that_says_how_many_there_are():
+    with pytest.raises(UsageError, match=r"seed of wrist on frame 99: the source has 5 frames \(0 to 4\)"):
+        list(session((*BOTH, seed("wrist", 99))).run(frames(5)))
+
+
+# -- requests -----------------------------------------------------------------------------------------------------
+
+
+def test_a_lost_marker_raises_one_request_for_its_first_unverified_frame():
+    results = hidden_run()
+    requests = [q for r in results for q in r.requests]
+    assert len(requests) == 1
+    request = requests[0]
+    lost = next(e for e in of(results, "wrist") if e.status is Status.LOST)
+    assert request.marker == "wrist"
+    assert (request.frame_index, request.stamp_ns) == (12, 12 * PERIOD_NS)
+    assert (request.raised_at_frame_index, request.raised_stamp_ns) == (lost.frame_index, lost.stamp_ns)
+    assert lost.frame_index == 16  # five in a row
+    assert "5 frames in a row without a verified circle" in request.reason
+    assert results[16].requests == (request,)
+
+
+def test_the_other_marker_does_not_notice():
+    assert all(e.status.measured for e in of(hidden_run(), "elbow"))
+
+
+def test_the_lost_marker_is_found_again_without_a_person():
+    after = of(hidden_run(), "wrist")[HIDDEN.stop + 3 :]
+    assert all(e.status is Status.VERIFIED for e in after)
+
+
+def test_a_second_loss_is_a_second_request():
+    results = list(session().run(frames(44, {*range(12, 20), *range(30, 38)})))
+    requests = [q for r in results for q in r.requests]
+    assert [q.frame_index for q in requests] == [12, 30]
+
+
+def test_a_short_gap_asks_nobody():
+    results = list(session().run(frames(24, range(12, 15))))
+    assert [q for r in results for q in r.requests] == []
+
+
+# -- smoothing ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lag", [1, 4, 7, 10, 60])
+def test_every_tracked_frame_has_one_smoothed_pose_on_its_own_result(lag):
+    for result in session(lag=lag).run(frames(21)):
+        assert sorted(p.marker for p in result.smoothed) == ["elbow", "wrist"]
+        for pose in result.smoothed:
+            assert (pose.frame_index, pose.stamp_ns) == (result.frame_index, result.stamp_ns)
+            assert pose.xyz_cam_m.shape == (3,)
+            assert pose.covariance_m2.shape == (3, 3)
+            assert pose.velocity_cam_mps.shape == (3,)
+
+
+def test_smoothing_comes_nearer_to_the_truth_than_measuring():
+    measured, smoothed, velocity = [], [], []
+    for result in plain_run()[3:-3]:
+        i = result.frame_index
+        for estimate in result.estimates:
+            measured.append(np.linalg.norm(estimate.xyz_cam_m - BALLS[estimate.marker](i).xyz))
+        for pose in result.smoothed:
+            ball = BALLS[pose.marker]
+            smoothed.append(np.linalg.norm(pose.xyz_cam_m - ball(i).xyz))
+            true = (np.array(ball(i + 1).xyz) - ball(i - 1).xyz) / (2 * PERIOD_NS / NS_PER_S)
+            velocity.append(np.linalg.norm(pose.velocity_cam_mps - true))
+    assert np.sqrt(np.mean(np.square(smoothed))) < np.sqrt(np.mean(np.square(measured)))
+    assert np.median(velocity) < 0.3
+
+
+def test_a_lost_stretch_has_no_smoothed_pose_and_a_bridged_one_has():
+    for result in hidden_run():
+        status = next(e.status for e in result.estimates if e.marker == "wrist")
+        poses = [p for p in result.smoothed if p.marker == "wrist"]
+        assert len(poses) == (0 if status in (Status.LOST, Status.OUT_OF_VIEW) else 1)
+
+
+def test_smoothing_does_not_reach_across_a_correction():
+    """A seed starts a new stretch: what comes after it cannot change what was before."""
+    far = Seed("wrist", 10, truth(elbow(10)))  # the person points at something else
+    plain = list(session().run(frames(10)))
+    corrected = list(session((*BOTH, far)).run(frames(16)))
+    for a, b in zip(plain, corrected[:10], strict=True):
+        for p, q in zip(a.smoothed, b.smoothed, strict=True):
+            np.testing.assert_allclose(p.xyz_cam_m, q.xyz_cam_m, atol=1e-9)
+
+
+def test_without_a_calibrated_camera_there_are_no_poses():
+    results = list(session(metric=False).run(frames(6)))
+    assert all(r.smoothed == () for r in results)
+    assert all(e.xyz_cam_m is None for r in results for e in r.estimates)
+
+
+# -- pictures for people ------------------------------------------------------------------------------------------
+
+
+def test_views_are_kept_where_they_are_asked_for():
+    results = list(session(keep_view=lambda e: e.marker == "elbow" and e.frame_index % 3 == 0).run(frames(8)))
+    assert [[v.marker for v in r.views] for r in results] == [[], [], [], ["elbow"], [], [], ["elbow"], []]
