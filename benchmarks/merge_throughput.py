@@ -32,7 +32,7 @@ def record(path: Path, total: int, size: int, compressible: bool) -> Path:
         ids = [writer.register_channel(f"/{path.stem}/{k}", "x", 0) for k in range(4)]
         for k in range(total // size):
             writer.add_message(ids[k % 4], k * 4_166_667, block[k % 200 :] + block[: k % 200], k, k)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 
@@ -53,7 +53,7 @@ def plain_copy(path: Path, out: Path) -> None:
             writer.add_message(
                 ids[channel.id], message.log_time, message.data, message.publish_time, message.sequence
             )
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
 
 
 def our_read(path: Path) -> None:

@@ -1,8 +1,9 @@
-"""Shaded spheres on a textured background with exactly known truth, small and fast, for the tests of the chain.
+"""Shaded spheres on a textured background with exactly known truth, for the tests of the chain.
 
-Light is mixed in linear intensities with the exact outline of a sphere under a pinhole (no distortion), blurred like
-a lens, coded by the sRGB curve, and given noise. Truth comes from the closed form of a sphere's image, not from the
-package: centre (X, Y) Z / (Z^2 - R^2), semi-axes R / sqrt(Z^2 - R^2) and R sqrt(|S|^2 - R^2) / (Z^2 - R^2).
+Light is mixed in linear intensities with the exact outline of a sphere under a pinhole (no distortion),
+blurred like a lens, coded by the sRGB curve, and given noise. Truth comes from the closed form of a sphere's
+image, not from the package: centre (X, Y) Z / (Z^2 - R^2), semi-axes R / sqrt(Z^2 - R^2) and
+R sqrt(|S|^2 - R^2) / (Z^2 - R^2).
 """
 
 from dataclasses import dataclass
@@ -34,7 +35,7 @@ class Ball:
 
 @dataclass(frozen=True)
 class Cover:
-    """A plain rectangle in front of everything: left, top, right, bottom (pixels, half open) and its sRGB colour."""
+    """A plain rectangle in front of everything: its edges in pixels (half open) and its sRGB colour."""
 
     left: int
     top: int
@@ -85,11 +86,13 @@ def background(width, height, seed=0):
     rng = np.random.default_rng(seed)
     texture = np.zeros((height, width, 3))
     for cell, weight in ((4, 12), (16, 18), (64, 22)):
-        grid = rng.standard_normal((height // cell + 2, width // cell + 2, 3)) * (1, 1, 1) + rng.standard_normal(
-            (height // cell + 2, width // cell + 2, 1)
-        )
+        grid = rng.standard_normal((height // cell + 2, width // cell + 2, 3)) * (
+            1,
+            1,
+            1,
+        ) + rng.standard_normal((height // cell + 2, width // cell + 2, 1))
         texture += weight * cv2.resize(grid, (width, height), interpolation=cv2.INTER_CUBIC) / 1.4
-    return to_linear(np.clip(texture + (105, 115, 120), 5, 250))
+    return to_linear(np.clip(texture + np.array([105, 115, 120]), 5, 250))
 
 
 def picture(
@@ -100,7 +103,7 @@ def picture(
     noise_seed=0,
     backdrop=0,
     gain=1.0,
-    shading=0.6,
+    shading=0.4,
     shift=(0, 0),
 ):
     """The scene as (height, width, 3) uint8 BGR; later balls and covers hide earlier ones.
@@ -121,7 +124,9 @@ def picture(
         for ball in balls:
             _draw(scene, ball, camera, shading)
         for c in covers:
-            scene[max(0, c.top) : max(0, c.bottom), max(0, c.left) : max(0, c.right)] = to_linear(np.array(c.rgb[::-1]))
+            scene[max(0, c.top) : max(0, c.bottom), max(0, c.left) : max(0, c.right)] = to_linear(
+                np.array(c.rgb[::-1])
+            )
         if x1 > x0 and y1 > y0:
             inner = np.s_[max(0, y0 - 4) : y1 + 4, max(0, x0 - 4) : x1 + 4]
             light = cv2.GaussianBlur(scene[inner], (0, 0), LENS_SIGMA_PX)
@@ -195,5 +200,7 @@ def yuv_frame(image, index=0, period_ns=PERIOD_NS) -> YuvFrame:
     # Left-sited: a (1, 2, 1)/4 filter across columns, the mean of two rows.
     chroma = cv2.sepFilter2D(yuv[..., 1:], -1, np.array([0.25, 0.5, 0.25]), np.ones(1))
     chroma = (chroma[0::2, 0::2] + chroma[1::2, 0::2]) / 2
-    planes = [np.clip(np.rint(p), 0, 255).astype(np.uint8) for p in (yuv[..., 0], chroma[..., 0], chroma[..., 1])]
+    planes = [
+        np.clip(np.rint(p), 0, 255).astype(np.uint8) for p in (yuv[..., 0], chroma[..., 0], chroma[..., 1])
+    ]
     return YuvFrame(index, index * period_ns, planes[0], (planes[1], planes[2]), (2, 2), (0.0, 0.5), _BT709)

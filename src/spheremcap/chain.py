@@ -20,7 +20,14 @@ from spheremcap.core.time import NS_PER_S
 from spheremcap.core.view import ResponseMap, StageView
 from spheremcap.core.vote import Verdict, Vote
 from spheremcap.detection.acquire import AcquireConfig, acquire
-from spheremcap.detection.colour import ColourBox, ColourConfig, colour_circle, disc_mask, disc_pixels, learn_box
+from spheremcap.detection.colour import (
+    ColourBox,
+    ColourConfig,
+    colour_circle,
+    disc_mask,
+    disc_pixels,
+    learn_box,
+)
 from spheremcap.detection.edge import EdgeConfig, EdgePoints, find_edges
 from spheremcap.detection.hough import HoughConfig, hough_circles
 from spheremcap.positioning.kalman import KalmanConfig, Moment, Track3D
@@ -83,29 +90,39 @@ class MarkerChain:
     """The chain of one marker. `seed` first, then `step` for every later frame in order.
 
     `metric` False means that the camera is only assumed: tracking works, but no metres are given out.
-    `view` holds the last frame's StageView when `step` was asked to keep it.
+    `exposure_s` is the exposure time; 0 when it is not known, then it is learnt from how blurred the marker's outline is
+    while it moves. `view` holds the last frame's StageView when `step` was asked to keep it.
     """
 
     def __init__(
-        self, spec: MarkerSpec, camera: Camera, config: ChainConfig, exposure_s: float = 0.0, metric: bool = True
+        self,
+        spec: MarkerSpec,
+        camera: Camera,
+        config: ChainConfig,
+        exposure_s: float = 0.0,
+        metric: bool = True,
     ) -> None:
         self.spec, self.camera, self.config, self.metric = spec, camera, config, metric
         self.exposure_s = exposure_s
+        self._exposure_known = exposure_s > 0
         self.view: StageView | None = None
         self.misses = 0  # unverified frames in a row
         self._track = Track3D(config.kalman)
+        self._edge = config.edge
         self._forget()
 
     def _forget(self) -> None:
         self._kcf = Kcf(self.config.kcf)
+        self._edge = self.config.edge
         self._template: Template | None = None
         self._box: ColourBox | None = None
         self._box_value = self._gain = 1.0
-        self._seed_shares = (1.0, 0.0)
+        self._seed_shares, self._seed_visible = (1.0, 0.0), 1.0
         self._seed_template: Template | None = None
         self._status = Status.LOST
         self._last: Circle | None = None  # as last verified
-        self._verified = 0
+        self._verified = self._moving = 0
+        self._seen_stamp_ns = 0
         self._last_stamp_ns = 0
         self._before: tuple[Patch, Circle] | None = None  # the previous frame's, when it was verified
 
@@ -121,7 +138,7 @@ class MarkerChain:
         self._forget()
         patch = Patch(frame, Window.around(circle, self._kcf.half_side_px(circle.r_px) + 2))
         self._box = learn_box(disc_pixels(patch, circle, self.config.colour.sample), self.config.colour)
-        measured = self._refine(patch, circle, "seed", 0.25 * circle.r_px, (0.0, 0.0), None)
+        measured = self._first_look(patch, circle)
         if measured is None or measured.circle.dice(circle) < 0.7:
             xyz = sphere_of_circle(circle, self.spec.radius_m, self.camera)
             sd = np.array([1.0, 1.0, 1.0])  # a careful click is good to about a pixel
@@ -131,11 +148,26 @@ class MarkerChain:
         self._box = learn_box(pixels, self.config.colour)
         self._box_value = max(1.0, float(np.median(pixels[:, 2])))
         self._seed_shares = self._colour_shares(patch, measured.circle)
+        self._seed_visible = max(measured.visible, 0.2)
         self._seed_template = make_template(patch, measured.circle, self.config.matching)
         self._track.start(frame.stamp_ns, measured.xyz_cam_m, measured.covariance_m2)
         self._accept(frame, patch, measured, Status.SEEDED)
         self.view = None
         return self._estimate(frame, Status.SEEDED, measured, claim=circle, search=patch.window)
+
+    def _first_look(self, patch: Patch, circle: Circle) -> _Measured | None:
+        """The seed sharpened; how soft the lens and focus are is learnt from which blur explains the outline best."""
+        best: _Measured | None = None
+        for softness in _SOFTNESS if self.config.edge.learn_blur else _SOFTNESS[:1]:
+            sigma = self.config.edge.blur_sigma_px * softness
+            edge = self.config.edge.model_copy(update={"blur_sigma_px": sigma})
+            before, self._edge = self._edge, edge
+            measured = self._refine(patch, circle, "seed", 0.25 * circle.r_px, np.zeros(2), None)
+            if _outline_score(measured) > _outline_score(best) + 0.02:
+                best = measured
+            else:
+                self._edge = before
+        return best
 
     # -- one frame ----------------------------------------------------------------------------------------------
 
@@ -147,7 +179,9 @@ class MarkerChain:
         if self._status in (Status.LOST, Status.OUT_OF_VIEW):
             return self._search(frame, keep_view)
 
-        predicted, spread_px, blur_px = self._predict(frame.stamp_ns)
+        interval_s = (frame.stamp_ns - self._seen_stamp_ns) / NS_PER_S
+        self._seen_stamp_ns = frame.stamp_ns
+        predicted, spread_px, rate_px = self._predict(frame.stamp_ns)
         if predicted is None:
             return self._miss(frame, None, None)
         reach = float(np.clip(3 * spread_px, 0.5 * predicted.r_px, 3 * predicted.r_px))
@@ -172,9 +206,11 @@ class MarkerChain:
         close = self._close(predicted)
         claim = None
         if 3 * spread_px < close and predicted.dice(followed) > 0.8:  # all agree: one look close by will do
-            claim = self._refine(patch, predicted, "prediction", close, blur_px, mask)
+            claim = self._refine(patch, predicted, "prediction", close, rate_px * self.exposure_s, mask)
         if claim is None or claim.visible < 0.6:
-            claim = self._claim(patch, proposals, blur_px, mask)
+            claim = self._claim(patch, proposals, rate_px * self.exposure_s, mask)
+        if not self._exposure_known:
+            claim = self._learn_exposure(patch, proposals, rate_px, interval_s, mask, claim)
         return self._decide(frame, patch, predicted, reach, claim, proposals, mask, hough, keep_view)
 
     def _search(self, frame: Frame, keep_view: bool) -> MarkerEstimate:
@@ -192,11 +228,20 @@ class MarkerChain:
             proposals = [("acquire", candidate)]
             colour = colour_circle(mask, patch, candidate) if mask is not None else None
             proposals += [("colour", colour)] if colour is not None else []
-            claim = self._claim(patch, proposals, (0.0, 0.0), mask)
+            claim = self._claim(patch, proposals, np.zeros(2), mask)
             if claim is None:
                 continue
             estimate = self._decide(
-                frame, patch, candidate, 0.75 * candidate.r_px, claim, proposals, mask, (), keep_view, lost=True
+                frame,
+                patch,
+                candidate,
+                0.75 * candidate.r_px,
+                claim,
+                proposals,
+                mask,
+                (),
+                keep_view,
+                lost=True,
             )
             if estimate.status is Status.VERIFIED:
                 return estimate
@@ -204,19 +249,45 @@ class MarkerChain:
 
     # -- the parts of a step --------------------------------------------------------------------------------------
 
-    def _predict(self, stamp_ns: int) -> tuple[Circle | None, float, tuple[float, float]]:
-        """Predicted circle, its standard deviation in px (largest of x, y) and the motion blur in px."""
+    def _predict(self, stamp_ns: int) -> tuple[Circle | None, float, FloatArray]:
+        """Predicted circle, its standard deviation in px (largest of x, y) and its velocity (2,) in px/s."""
         moment = self._track.predict(stamp_ns)
         xyz, velocity = moment.xyz_cam_m, moment.velocity_cam_mps
         circle = circle_of_sphere(xyz, self.spec.radius_m, self.camera)
         if circle is None:
-            return None, 0.0, (0.0, 0.0)
+            return None, 0.0, np.zeros(2)
         if self._last is not None:  # a wild depth must not make a wild patch
             circle = replace(circle, r_px=float(np.clip(circle.r_px, self._last.r_px / 2, self._last.r_px * 2)))
         lateral_m = float(np.sqrt(max(moment.covariance[0, 0], moment.covariance[1, 1])))
-        blur = self.camera.project(xyz + np.outer((-0.5, 0.5), velocity * self.exposure_s))
-        dx, dy = blur[1] - blur[0]
-        return circle, lateral_m / xyz[2] * self.camera.fx_px, (float(dx), float(dy))
+        short_s = 1e-4
+        ends = self.camera.project(xyz + np.outer((-0.5, 0.5), velocity * short_s))
+        return circle, lateral_m / xyz[2] * self.camera.fx_px, (ends[1] - ends[0]) / short_s
+
+    def _learn_exposure(
+        self,
+        patch: Patch,
+        proposals: list[tuple[str, Circle]],
+        rate_px: FloatArray,
+        interval_s: float,
+        mask: npt.NDArray[np.uint8] | None,
+        claim: _Measured | None,
+    ) -> _Measured | None:
+        """Try other exposure times on a moving marker, now and then or when its outline is hard to see.
+
+        Keeps the time whose blur explains the outline best, and the claim made with it.
+        """
+        self._moving += float(np.hypot(*rate_px)) * interval_s > _BLUR_SHOWS_PX
+        clear = claim is not None and claim.visible > 0.5
+        if float(np.hypot(*rate_px)) * interval_s <= _BLUR_SHOWS_PX or (clear and self._moving % 8):
+            return claim
+        best, best_score = claim, _outline_score(claim)
+        for share in _EXPOSURES:
+            exposure_s = share * interval_s
+            other = self._claim(patch, proposals, rate_px * exposure_s, mask)
+            if _outline_score(other) > best_score + 0.02:
+                best, best_score = other, _outline_score(other)
+                self.exposure_s = exposure_s
+        return best
 
     def _mask(self, patch: Patch, near: Circle) -> npt.NDArray[np.uint8] | None:
         """The colour mask of the patch; the exposure may have changed, so the brightness is looked up once more."""
@@ -235,7 +306,7 @@ class MarkerChain:
         self,
         patch: Patch,
         proposals: list[tuple[str, Circle]],
-        blur_px: tuple[float, float],
+        blur_px: FloatArray,
         mask: npt.NDArray[np.uint8] | None,
     ) -> _Measured | None:
         """The proposal whose neighbourhood shows the most outline, sharpened; proposals alike are tried once."""
@@ -258,7 +329,7 @@ class MarkerChain:
         circle: Circle,
         proposer: str,
         reach_px: float,
-        blur_px: tuple[float, float],
+        blur_px: FloatArray,
         mask: npt.NDArray[np.uint8] | None,
     ) -> _Measured | None:
         """Edges around a circle and the sphere through them: a coarse look up to `reach_px` away, unless that is close,
@@ -266,14 +337,14 @@ class MarkerChain:
         radius, camera, config = self.spec.radius_m, self.camera, self.config
         xyz = sphere_of_circle(circle, radius, camera)
         close = self._close(circle)
-        found = circle
+        found, edges, fit = circle, None, None
         for look in range(3):
             coarse = look == 0 and reach_px > close
             outline = outline_px(xyz, radius, camera, config.edge.rays // 2 if coarse else config.edge.rays)
             if not np.isfinite(outline).all():
                 return None
             reach = reach_px if coarse else close
-            edges = find_edges(patch, outline, circle.r_px, reach, blur_px, mask, config.edge, coarse)
+            edges = find_edges(patch, outline, circle.r_px, reach, blur_px, mask, self._edge, coarse)
             if edges is None:
                 return None
             rays = camera.rays(edges.points_px)
@@ -289,6 +360,8 @@ class MarkerChain:
                 return None
             if not coarse and found.distance(before) + abs(found.r_px - before.r_px) < _SETTLED_PX:
                 break
+        assert edges is not None
+        assert fit is not None
         visible = float((fit.weights > 0.3).sum()) / config.edge.rays
         covariance = fit.covariance_m2 + self._circle_covariance(found, xyz, np.full(3, config.position.systematic_px))
         if config.position.formula == "circle":
@@ -297,7 +370,14 @@ class MarkerChain:
             size = radius if config.position.thesis_size == "radius" else 2 * radius
             xyz = thesis_position(found, size, config.position.thesis_constant_px, camera)
         return _Measured(
-            found, self._circle_sd(found, xyz, covariance), xyz, covariance, visible, proposer, edges, fit.weights
+            found,
+            self._circle_sd(found, xyz, covariance),
+            xyz,
+            covariance,
+            visible,
+            proposer,
+            edges,
+            fit.weights,
         )
 
     @staticmethod
@@ -351,7 +431,7 @@ class MarkerChain:
     def _plausible(self, patch: Patch, claim: _Measured, lost: bool) -> bool:
         """The seed's say, the outline's and the filter's: colour as seeded, edges to be seen, no leap."""
         jury = self.config.jury
-        if claim.visible < jury.visible:
+        if claim.visible < min(jury.visible, 0.5 * self._seed_visible):
             return False
         if self.config.colour.enabled:
             inside, around = self._colour_shares(patch, claim.circle)
@@ -362,7 +442,7 @@ class MarkerChain:
     def _accept(self, frame: Frame, patch: Patch, measured: _Measured, status: Status) -> None:
         """Learn from a verified circle: template, filter, colour gain, size."""
         circle = measured.circle
-        self._status, self.misses = status, 0
+        self._status, self.misses, self._seen_stamp_ns = status, 0, frame.stamp_ns
         self._last, self._last_stamp_ns = circle, frame.stamp_ns
         self._template = make_template(patch, circle, self.config.matching)
         if self._verified % self.config.kcf.train_every == 0:
@@ -498,9 +578,7 @@ class MarkerChain:
     def _in_picture(frame: Frame, circle: Circle) -> bool:
         """Whether more than a sliver of the circle lies inside the picture."""
         slack = 0.3 * circle.r_px
-        return (
-            -slack < circle.x_px < frame.width_px - 1 + slack and -slack < circle.y_px < frame.height_px - 1 + slack
-        )
+        return -slack < circle.x_px < frame.width_px - 1 + slack and -slack < circle.y_px < frame.height_px - 1 + slack
 
     def _stage_view(
         self,
@@ -515,6 +593,15 @@ class MarkerChain:
         return StageView(self.spec.name, patch.window, patch.bgr, mask, hough, edges, weights, maps)
 
 
-_SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated
-_NO_EDGES = EdgePoints(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.intp), np.zeros(0), 0)
+_SOFTNESS = (1.0, 1.6, 2.4, 3.6)  # blurs tried at the seed, in `blur_sigma_px`
+_EXPOSURES = (0.0, 0.15, 0.3, 0.5, 0.75, 1.0)  # exposure times tried, in frame intervals
+_BLUR_SHOWS_PX = 5.0  # motion in a frame interval from which blur can be told
 
+
+def _outline_score(claim: _Measured | None) -> float:
+    """How clear an outline is: the share of it with an edge, and how well the blurred step explains that."""
+    return -1.0 if claim is None else claim.visible + claim.edges.explained
+
+
+_SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated
+_NO_EDGES = EdgePoints(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.intp), np.zeros(0), 0, 0.0)

@@ -49,7 +49,7 @@ class MarkerSettings(StageConfig):
     """One marker; its name becomes its topic."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9_]+$", description="letters, digits, underscores")
-    diameter_m: float = Field(0.04, gt=0, description="true diameter in metres (or `diameter = \"4 cm\"`)")
+    diameter_m: float = Field(0.04, gt=0, description='true diameter in metres (or `diameter = "4 cm"`)')
 
     @model_validator(mode="before")
     @classmethod
@@ -57,7 +57,7 @@ class MarkerSettings(StageConfig):
         if isinstance(data, dict) and isinstance(data.get("diameter"), str):
             found = _LENGTH.fullmatch(data["diameter"])
             if not found:
-                raise ValueError(f"diameter {data['diameter']!r} is not a length such as \"4 cm\"")
+                raise ValueError(f'diameter {data["diameter"]!r} is not a length such as "4 cm"')
             data = {k: v for k, v in data.items() if k != "diameter"}
             data["diameter_m"] = float(found[1]) * _UNIT_M[found[2]]
         return data

@@ -148,7 +148,12 @@ class Session:
             reason += f"; votes {estimate.vote_sum:.2f} of 6"
         return [
             OperatorRequest(
-                estimate.marker, lane.first_miss_frame, lane.first_miss_stamp_ns, estimate.frame_index, estimate.stamp_ns, reason
+                estimate.marker,
+                lane.first_miss_frame,
+                lane.first_miss_stamp_ns,
+                estimate.frame_index,
+                estimate.stamp_ns,
+                reason,
             )
         ]
 
@@ -162,7 +167,12 @@ class Session:
             for index, moment in _smoothed(list(lane.moments), self._acceleration):
                 if index <= last:
                     pose = SmoothedPose(
-                        name, index, moment.stamp_ns, moment.xyz_cam_m, moment.covariance[:3, :3], moment.velocity_cam_mps
+                        name,
+                        index,
+                        moment.stamp_ns,
+                        moment.xyz_cam_m,
+                        moment.covariance[:3, :3],
+                        moment.velocity_cam_mps,
                     )
                     smoothed.setdefault(index, []).append(pose)
             while lane.moments and lane.moments[0][0] <= last:
@@ -178,6 +188,8 @@ def _smoothed(moments: Sequence[tuple[int, int, Moment]], acceleration_mps2: flo
     for k in range(1, len(moments) + 1):
         if k == len(moments) or moments[k][1] != moments[start][1]:
             stretch = moments[start:k]
-            for (index, _, _), moment in zip(stretch, smooth([m for _, _, m in stretch], acceleration_mps2), strict=True):
+            for (index, _, _), moment in zip(
+                stretch, smooth([m for _, _, m in stretch], acceleration_mps2), strict=True
+            ):
                 yield index, moment
             start = k

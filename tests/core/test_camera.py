@@ -14,7 +14,14 @@ CAMERAS = {
         WIDTH, HEIGHT, 1150.0, 1140.0, 640.3, 355.8, "plumb_bob", (-0.31, 0.17, 0.001, -0.0007)
     ),
     "plumb_bob_8": Camera(
-        WIDTH, HEIGHT, 900.0, 905.0, 630.0, 365.0, "plumb_bob", (0.1, -0.05, 4e-4, 3e-4, 0.01, 0.2, -0.02, 0.005)
+        WIDTH,
+        HEIGHT,
+        900.0,
+        905.0,
+        630.0,
+        365.0,
+        "plumb_bob",
+        (0.1, -0.05, 4e-4, 3e-4, 0.01, 0.2, -0.02, 0.005),
     ),
     "fisheye": Camera(WIDTH, HEIGHT, 560.0, 562.0, 641.0, 352.0, "fisheye", (0.03, -0.012, 0.004, -0.001)),
 }
@@ -82,7 +89,9 @@ def test_a_scaled_camera_sees_the_same_point_at_the_scaled_place(name, factor):
     scaled = camera.scaled(int(WIDTH * factor), int(HEIGHT * factor))
     points = np.array([[0.1, -0.2, 1.0], [-0.3, 0.1, 1.4]])
     # Integer coordinates are pixel centres, so it is the edges (x + 0.5) that scale.
-    np.testing.assert_allclose(scaled.project(points) + 0.5, (camera.project(points) + 0.5) * factor, atol=1e-9)
+    np.testing.assert_allclose(
+        scaled.project(points) + 0.5, (camera.project(points) + 0.5) * factor, atol=1e-9
+    )
     assert (scaled.width_px, scaled.height_px) == (WIDTH * factor, HEIGHT * factor)
 
 

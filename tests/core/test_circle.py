@@ -66,7 +66,7 @@ def test_the_overlap_falls_steadily_as_the_circles_part():
 
 
 def test_the_dice_of_one_millimetre_errors_is_what_the_method_states():
-    # METHOD: Dice 97.3 % still allows 0.85 px of centre error at r = 20.
+    # docs/method.md 3: Dice 97.3 % still allows 0.85 px of centre error at r = 20.
     assert Circle(0, 0, 20).dice(Circle(0.85, 0, 20)) == pytest.approx(0.973, abs=5e-4)
 
 

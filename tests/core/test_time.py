@@ -60,11 +60,13 @@ def test_a_time_is_iso_or_decimal_seconds(text, expected):
 
 @pytest.mark.parametrize("text", ["yesterday", "", "12:00", "2025-13-01T00:00:00Z"])
 def test_what_is_no_time_is_refused(text):
-    with pytest.raises(ValueError, match="."):
+    with pytest.raises(ValueError, match=r".+"):
         parse_time_ns(text)
 
 
-@pytest.mark.xfail(strict=True, reason="parse_time_ns goes through datetime, which cuts ISO times to microseconds")
+@pytest.mark.xfail(
+    strict=True, reason="parse_time_ns goes through datetime, which cuts ISO times to microseconds"
+)
 def test_nanoseconds_written_in_iso_are_kept():
     assert parse_time_ns("2025-06-01T10:00:00.123456789Z") == 1_748_772_000_123_456_789
 
@@ -73,7 +75,9 @@ def test_nanoseconds_written_in_iso_are_kept():
 def test_a_printed_time_holds_every_nanosecond(stamp):
     text = format_time(stamp)
     whole, nanos = text.removesuffix("Z").split(".")
-    seconds = int((datetime.fromisoformat(whole).replace(tzinfo=UTC) - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
+    seconds = int(
+        (datetime.fromisoformat(whole).replace(tzinfo=UTC) - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
+    )
     assert seconds * 10**9 + int(nanos) == stamp
 
 
@@ -82,7 +86,9 @@ def test_a_printed_time_is_read_back_as_the_same_to_the_microsecond(stamp):
     assert parse_time_ns(format_time(stamp - stamp % 1000)) == stamp - stamp % 1000
 
 
-@pytest.mark.xfail(strict=True, reason="strftime's %Y is not padded on Linux: year 999 prints as three digits")
+@pytest.mark.xfail(
+    strict=True, reason="strftime's %Y is not padded on Linux: year 999 prints as three digits"
+)
 def test_an_early_year_has_four_digits():
     assert format_time(-30_610_224_000_000_000_001) == "0999-12-31T23:59:59.999999999Z"
 

@@ -1,6 +1,6 @@
 import pytest
-from scenes import BLUE, CAMERA, GREEN, ORANGE, Cover, ball_at, bgr_frame, picture, truth, yuv_frame
 
+from scenes import BLUE, CAMERA, GREEN, ORANGE, Cover, ball_at, bgr_frame, picture, truth, yuv_frame
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import Patch, Window
 from spheremcap.detection.acquire import AcquireConfig, acquire
@@ -36,6 +36,14 @@ def test_the_disc_comes_before_a_bar_of_its_colour():
     known = ball_at(160, 120, 14)
     ball = ball_at(70, 60, 14)
     image = picture(ball, covers=(Cover(180, 100, 290, 112, ORANGE),))
+    found = found_in(image, known)
+    assert found[0].distance(truth(ball)) < 5
+
+
+def test_a_bar_of_its_length_does_not_come_before_a_disc_that_has_shrunk():
+    known = ball_at(160, 120, 14)
+    ball = ball_at(70, 60, 10)
+    image = picture(ball, covers=(Cover(200, 150, 230, 162, ORANGE),))
     found = found_in(image, known)
     assert found[0].distance(truth(ball)) < 5
 

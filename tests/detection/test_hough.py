@@ -1,8 +1,8 @@
 import cv2
 import numpy as np
 import pytest
-from scenes import ball_at, bgr_frame, picture, truth
 
+from scenes import ball_at, bgr_frame, picture, truth
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import BgrFrame, Patch, Window
 from spheremcap.detection.hough import HoughConfig, hough_circles

@@ -428,8 +428,8 @@ def calibration_fields(upper: bool, **changes: Any) -> Fields:
     k = [500.0, 0, 31.5, 0, 501.0, 23.5, 0, 0, 1]
     p = [400.0, 0, 30.0, 0, 0, 401.0, 22.0, 0, 0, 0, 1, 0]
     fields: Fields = {
-        "width": WIDTH, "height": HEIGHT, "distortion_model": "plumb_bob", "d": [-0.3, 0.1, 0.001, 0.002, 0.0],
-        "k": k, "r": [1.0, 0, 0, 0, 1, 0, 0, 0, 1], "p": p,
+        "width": WIDTH, "height": HEIGHT, "distortion_model": "plumb_bob",
+        "d": [-0.3, 0.1, 0.001, 0.002, 0.0], "k": k, "r": [1.0, 0, 0, 0, 1, 0, 0, 0, 1], "p": p,
     } | changes  # fmt: skip
     return {(key.upper() if upper and len(key) == 1 else key): value for key, value in fields.items()}
 

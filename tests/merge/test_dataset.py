@@ -1,11 +1,11 @@
 """A recording of ours and a sensor file, synchronised and merged, then read back."""
 
-import sys
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
+from test_sync import EPOCH, Session, session
 
 from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
@@ -15,9 +15,6 @@ from spheremcap.errors import UsageError
 from spheremcap.io import recording
 from spheremcap.io.mcap_log import McapLog
 from spheremcap.merge.dataset import Source, merge, sync_recording
-
-sys.path.insert(0, str(Path(__file__).parent))
-from test_sync import EPOCH, Session, session
 
 
 def write_recording(path: Path, made: Session) -> Path:

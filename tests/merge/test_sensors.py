@@ -13,7 +13,8 @@ from spheremcap.io import recording
 from spheremcap.merge.clock import Clock, parse_drift
 from spheremcap.merge.gpmf import payload_samples
 from spheremcap.merge.join import merge_streams
-from spheremcap.merge.sensors import SensorLog, SensorStream, TableMapping, load_mapping, read_sensors
+from spheremcap.merge.samples import SensorStream
+from spheremcap.merge.sensors import SensorLog, TableMapping, load_mapping, read_sensors
 
 G = 9.80665
 DEG = np.pi / 180
@@ -320,6 +321,51 @@ def test_gopro_payloads() -> None:
     assert found[0][1].tolist() == [[-2, 0, 1], [0, 0, 1]]  # stored as z, x, y
     assert found[1][1].tolist() == [[2, 1, 0], [0, 1, 0]]  # y, -x, z
     assert list(payload_samples(payload[:40])) == []
+
+
+def box(kind: str, *parts: bytes) -> bytes:
+    body = b"".join(parts)
+    return struct.pack(">I", len(body) + 8) + kind.encode() + body
+
+
+def u32(*values: int) -> bytes:
+    return struct.pack(f">{len(values)}I", *values)
+
+
+def gopro_file(payloads: list[bytes], each: int = 1001, scale: int = 1000) -> bytes:
+    """An MP4 with nothing but a telemetry track, its payloads `each` / `scale` seconds long."""
+    count, total = len(payloads), len(payloads) * each
+    matrix = u32(65536, 0, 0, 0, 65536, 0, 0, 0, 1 << 30)
+    ftyp = box("ftyp", b"mp41" + u32(0) + b"mp41")
+    tables = box(
+        "stbl",
+        box("stsd", u32(0, 1), box("gpmd", bytes(6) + b"\0\1" + u32(0))),
+        box("stts", u32(0, 1, count, each)),
+        box("stsc", u32(0, 1, 1, count, 1)),
+        box("stsz", u32(0, 0, count, *map(len, payloads))),
+        box("stco", u32(0, 1, len(ftyp) + 8)),
+    )
+    handler = box("hdlr", u32(0), b"mhlrmeta" + bytes(12) + b"\x0b   GoPro MET\0")
+    source = box("dinf", box("dref", u32(0, 1), box("url ", u32(1))))
+    media = box("minf", box("gmhd", box("gmin", bytes(16))), source, tables)
+    track = box(
+        "trak",
+        box("tkhd", u32(15, 0, 0, 1, 0, total) + bytes(16) + matrix + u32(0, 0)),
+        box("mdia", box("mdhd", u32(0, 0, 0, scale, total) + bytes(4)), handler, media),
+    )
+    head = box("mvhd", u32(0, 0, 0, scale, total, 65536) + bytes(12) + matrix + bytes(24) + u32(2))
+    return ftyp + box("mdat", *payloads) + box("moov", head, track)
+
+
+def test_gopro_file(tmp_path: Path) -> None:
+    scale = klv("SCAL", "s", 2, struct.pack(">h", 100))
+    raw = struct.pack(">6h", 981, 0, 0, 981, 0, 0)
+    payload = klv("DEVC", "\0", 1, klv("STRM", "\0", 1, scale + klv("ACCL", "s", 6, raw)))
+    (tmp_path / "GX01.MP4").write_bytes(gopro_file([payload] * 3))
+    log = one(tmp_path / "GX01.MP4", name="camera")
+    assert (log.name, log.kind, log.frame_id) == ("camera_acc", "imu", "camera")
+    assert log.stamp_ns.tolist() == [500_500_000 * k for k in range(6)]
+    assert np.allclose(log.values["linear_acceleration.z"], 9.81)
 
 
 @pytest.mark.parametrize(

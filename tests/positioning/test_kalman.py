@@ -38,7 +38,9 @@ def test_constant_velocity_without_noise_is_followed_exactly():
     velocity, start = np.array([1.5, -0.7, 3.0]), np.array([0.1, 0.2, 1.4])
     stamps = [k * PERIOD_NS for k in range(200)]
     measured = [start + velocity * s / NS_PER_S for s in stamps]
-    moments = run(stamps, measured, KalmanConfig(acceleration_mps2=1e-6, start_speed_mps=100.0), r=np.eye(3) * 1e-12)
+    moments = run(
+        stamps, measured, KalmanConfig(acceleration_mps2=1e-6, start_speed_mps=100.0), r=np.eye(3) * 1e-12
+    )
     np.testing.assert_allclose(moments[-1].velocity_cam_mps, velocity, rtol=1e-5)
     np.testing.assert_allclose(moments[-1].xyz_cam_m, measured[-1], atol=1e-8)
 
@@ -71,7 +73,9 @@ def test_dt_comes_from_the_stamps():
     velocity = np.array([1.0, 0, 0])
     stamps = np.cumsum([0, *rng.choice([10**6, 4 * 10**6, 4 * 10**7], 150)]).tolist()
     measured = [velocity * s / NS_PER_S + (0, 0, 1) for s in stamps]
-    moments = run(stamps, measured, KalmanConfig(acceleration_mps2=0.01, start_speed_mps=10), r=np.eye(3) * 1e-8)
+    moments = run(
+        stamps, measured, KalmanConfig(acceleration_mps2=0.01, start_speed_mps=10), r=np.eye(3) * 1e-8
+    )
     np.testing.assert_allclose(moments[-1].velocity_cam_mps, velocity, atol=1e-3)
 
 
@@ -201,7 +205,7 @@ def test_without_the_filter_the_last_position_is_the_prediction():
     np.testing.assert_array_equal(track.predict(10**9).xyz_cam_m, [0.1, 0.2, 1.0])
 
 
-# -- the smoother -------------------------------------------------------------------------------------------------
+# -- the smoother ----------------------------------------------------------------------------------
 
 
 def noisy_run(seed=4, gap=()):
@@ -219,7 +223,9 @@ def errors(moments, truth):
 def test_smoothing_lowers_the_error_of_position_and_velocity():
     truth, moments = noisy_run()
     smoothed = smooth(moments, KalmanConfig().acceleration_mps2)
-    assert np.sqrt((errors(smoothed, truth) ** 2).mean()) < 0.85 * np.sqrt((errors(moments, truth) ** 2).mean())
+    assert np.sqrt((errors(smoothed, truth) ** 2).mean()) < 0.85 * np.sqrt(
+        (errors(moments, truth) ** 2).mean()
+    )
     true_velocity = np.gradient(truth, PERIOD_NS / NS_PER_S, axis=0)[5:-5]
     velocity_error = [
         np.linalg.norm(np.array([m.velocity_cam_mps for m in ms])[5:-5] - true_velocity, axis=1).mean()
@@ -250,7 +256,7 @@ def test_smoothing_never_makes_less_sure():
 
 
 def test_smoothing_is_the_least_squares_solution_of_the_whole_stretch():
-    """Against one dense solve over all states of a short run with uneven steps: the definition of smoothing."""
+    """Against one dense solve over a short run with uneven steps: the definition of smoothing."""
     rng = np.random.default_rng(5)
     stamps = [0, 4 * 10**6, 9 * 10**6, 10**7, 30 * 10**6]
     measured = [np.array([0, 0, 1]) + rng.normal(0, SD_M) for _ in stamps]

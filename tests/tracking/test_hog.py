@@ -13,7 +13,7 @@ def smooth_picture(rows=32, columns=40, channels=3):
 
 
 def untied_picture(rows, columns):
-    """Random colours in which no pixel's strongest gradient lies exactly between two bins (straight up or down)."""
+    """Random colours in which no pixel's gradient lies exactly between two bins (straight up or down)."""
     for seed in range(500):
         image = np.random.default_rng(seed).integers(0, 256, (rows, columns, 3)).astype(np.uint8)
         image[:, [0, -1]] = 128  # the picture is mirrored there, so nothing but straight up and down is left
@@ -97,7 +97,8 @@ def test_the_nine_insensitive_features_do_not_tell_dark_on_bright_from_bright_on
 
 
 @pytest.mark.xfail(
-    strict=True, reason="np.rint rounds 4.5 to 4 and 13.5 to 14: gradients straight up and straight down part company"
+    strict=True,
+    reason="np.rint rounds 4.5 to 4 and 13.5 to 14: gradients straight up and straight down part company",
 )
 def test_that_holds_for_gradients_straight_up_and_down_too():
     assert_sign_blind(smooth_picture())
@@ -126,4 +127,6 @@ def test_no_feature_grows_beyond_the_truncation():
 def test_the_strongest_channel_counts():
     gray = smooth_picture(channels=1)
     faint = gray // 4 + 60
-    np.testing.assert_allclose(hog(np.concatenate([faint, gray, faint], axis=2), CELL), hog(gray, CELL), atol=1e-6)
+    np.testing.assert_allclose(
+        hog(np.concatenate([faint, gray, faint], axis=2), CELL), hog(gray, CELL), atol=1e-6
+    )

@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 import pytest
-from scenes import ball_at, bgr_frame, picture, truth
 
+from scenes import ball_at, bgr_frame, picture, truth
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import BgrFrame, Patch, Window
 from spheremcap.tracking.hog import hog
@@ -32,7 +32,9 @@ def shifted(patch, dx, dy):
     """The whole picture moved by (dx, dy)."""
     m = np.array([[1, 0, dx], [0, 1, dy]], np.float64)
     height, width = patch.bgr.shape[:2]
-    image = cv2.warpAffine(patch.bgr, m, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    image = cv2.warpAffine(
+        patch.bgr, m, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+    )
     return whole(BgrFrame(1, 0, image))
 
 
@@ -62,7 +64,9 @@ def test_any_shift_within_the_window_is_found_to_a_third_of_a_cell(kernel):
     assert worst_shift_cells(kernel) < 0.33
 
 
-@pytest.mark.xfail(strict=True, reason="a parabola through a Gaussian peak 0.64 cells wide is drawn to whole cells")
+@pytest.mark.xfail(
+    strict=True, reason="a parabola through a Gaussian peak 0.64 cells wide is drawn to whole cells"
+)
 def test_any_shift_within_the_window_is_found_to_a_seventh_of_a_cell():
     assert worst_shift_cells("gaussian") < 0.15
 
@@ -129,7 +133,7 @@ def test_an_untrained_filter_says_so():
     assert kcf.trained
 
 
-# -- the equations, with matrices that are really there -----------------------------------------------------------
+# -- the equations, with matrices that are really there --------------------------------------------
 
 N = 8  # cells; a grid of 32 pixels, laid on the picture pixel by pixel
 DENSE = {"grid_cells": N, "cell_px": 4, "padding": 1.0, "target_sigma": 0.25}
@@ -149,7 +153,10 @@ def shifts(x):
 
 def dense_response(kernel, config, x, z):
     """f at every candidate place, from (K + lambda I)^-1 y with K written out in full (eq 2.12, 2.14)."""
-    rows, candidates = shifts(x), np.array([np.roll(z, (-i, -j), axis=(1, 2)).ravel() for i in range(N) for j in range(N)])
+    rows, candidates = (
+        shifts(x),
+        np.array([np.roll(z, (-i, -j), axis=(1, 2)).ravel() for i in range(N) for j in range(N)]),
+    )
 
     def k(a, b):
         product = a @ b.T
@@ -204,7 +211,7 @@ def test_the_linear_kernel_is_plain_ridge_regression():
 
 
 def test_the_corrected_single_channel_form_holds_and_the_printed_one_does_not():
-    """Eq 2.9: with eq 2.6's rows it is x-hat y-hat / (x-hat* x-hat + lambda); the thesis prints x-hat* on top."""
+    """Eq 2.9: with eq 2.6's rows x-hat y-hat / (x-hat* x-hat + lambda); the thesis prints x-hat* on top."""
     rng = np.random.default_rng(10)
     x, y, ridge = rng.standard_normal(9), rng.standard_normal(9), 0.3
     rows = np.array([np.roll(x, i) for i in range(9)])

@@ -135,7 +135,7 @@ class Patch:
     def ycc(self) -> npt.NDArray[np.float32]:
         """(h, w, 3) luma and the chroma differences R - Y and B - Y as video has them, gamma-encoded; luma 0..1,
         chroma -0.5..0.5."""
-        return cv2.cvtColor(self.bgr, cv2.COLOR_BGR2YCrCb) * np.float32(1 / 255) - _CHROMA_ZERO  # type: ignore[no-any-return]
+        return cv2.cvtColor(self.bgr, cv2.COLOR_BGR2YCrCb) * np.float32(1 / 255) - _CHROMA_ZERO
 
     def local(self, circle: Circle) -> Circle:
         """The circle in patch coordinates."""

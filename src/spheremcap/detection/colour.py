@@ -42,9 +42,7 @@ class ColourBox:
     def volume(self) -> float:
         """Volume in HSV steps (eq 2.26's V)."""
         return (
-            min(2 * self.hue_half, HUES)
-            * (self.saturation[1] - self.saturation[0])
-            * (self.value[1] - self.value[0])
+            min(2 * self.hue_half, HUES) * (self.saturation[1] - self.saturation[0]) * (self.value[1] - self.value[0])
         )
 
     def mask(self, hsv: npt.NDArray[np.uint8], gain: float = 1.0) -> npt.NDArray[np.uint8]:
@@ -99,7 +97,10 @@ def learn_box(hsv: npt.NDArray[np.uint8], config: ColourConfig) -> ColourBox:
     half = np.maximum(size * sigma, (config.least_hue, config.least_saturation, config.least_value))
     low, high = np.maximum(mean - half, 0), np.minimum(mean + half, 255)
     return ColourBox(
-        hue_mean, HUES / 2 if grey else min(float(half[0]), HUES / 2), (float(low[1]), float(high[1])), (float(low[2]), float(high[2]))
+        hue_mean,
+        HUES / 2 if grey else min(float(half[0]), HUES / 2),
+        (float(low[1]), float(high[1])),
+        (float(low[2]), float(high[2])),
     )
 
 
@@ -132,11 +133,11 @@ def colour_circle(mask: npt.NDArray[np.uint8], patch: Patch, expected: Circle) -
         if area < 0.15 * expected.area_px2:
             continue
         circle = Circle(
-            float(centres[k][0]) + patch.window.x, float(centres[k][1]) + patch.window.y, float(np.sqrt(area / np.pi))
+            float(centres[k][0]) + patch.window.x,
+            float(centres[k][1]) + patch.window.y,
+            float(np.sqrt(area / np.pi)),
         )
         cost = circle.distance(expected) / expected.r_px + 2 * abs(np.log(circle.r_px / expected.r_px))
         if cost < best_cost:
             best, best_cost = circle, float(cost)
     return best
-
-

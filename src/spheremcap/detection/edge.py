@@ -26,8 +26,12 @@ class EdgeConfig(StageConfig):
 
     rays: int = Field(72, ge=16, le=360, description="rays around the outline")
     blur_sigma_px: float = Field(0.5, gt=0, description="Gaussian blur of lens, sensor and codec")
+    learn_blur: bool = Field(True, description="look at the seed for a softer lens than `blur_sigma_px`")
     chroma_sigma_px: float = Field(1.0, gt=0, description="further blur of chroma at half resolution")
-    noise: float = Field(0.02, gt=0, description="pixel noise, code values with full scale 1")
+    noise: float = Field(0.006, gt=0, description="least pixel noise, code values with full scale 1")
+    balance: float = Field(
+        0.02, gt=0, description="colour differences below this do not steer the projection, code values"
+    )
     least_contrast: float = Field(4.0, gt=0, description="step over its own standard deviation that makes an edge")
     shading: bool = Field(True, description="carry the marker's shading on to the limb")
 
@@ -36,13 +40,15 @@ class EdgeConfig(StageConfig):
 class EdgePoints:
     """Edge points in image pixels (N, 2), the standard deviation of each along its normal (N,) in pixels, and the ray
     each came from (N,). Rays without an edge, or out of the picture, have none. `rays` is how many rays lay inside
-    the picture; `offset_px` (N,) how far outside the expected outline each point is."""
+    the picture; `offset_px` (N,) how far outside the expected outline each point is; `explained` the share in [0, 1]
+    of the profiles' variance that the blurred step explains, a measure of how well the blur is known."""
 
     points_px: FloatArray
     sd_px: FloatArray
     ray: npt.NDArray[np.intp]
     offset_px: FloatArray
     rays: int
+    explained: float
 
 
 _STEP = 0.5  # px between samples on a ray
@@ -54,14 +60,14 @@ def find_edges(
     outline_px: FloatArray,
     r_px: float,
     reach_px: float,
-    blur_px: tuple[float, float],
+    blur_px: FloatArray,
     mask: npt.NDArray[np.uint8] | None,
     config: EdgeConfig,
     coarse: bool = False,
 ) -> EdgePoints | None:
     """Edge points near an expected outline (image pixels, (N, 2), clockwise on screen); None when there is no contrast.
 
-    `reach_px` is how far from the outline an edge may be; `blur_px` the motion during the exposure (x, y);
+    `reach_px` is how far from the outline an edge may be; `blur_px` (2,) the motion during the exposure;
     `mask` the colour mask of the patch (edges whose inner side is not marker-coloured are left out), or None.
     `coarse` samples at half the density and leaves the shading out: a quarter of the work, for a first look.
     """
@@ -71,8 +77,7 @@ def find_edges(
     normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
 
-    blur = np.array(blur_px)
-    across, along = normal @ blur, tangent @ blur / np.linalg.norm(tangent, axis=1)
+    across, along = normal @ blur_px, tangent @ blur_px / np.linalg.norm(tangent, axis=1)
     sigma = config.blur_sigma_px + 0.5 * config.chroma_sigma_px
     margin = sigma + 0.2
     half_blur = np.abs(across) / 2
@@ -85,9 +90,9 @@ def find_edges(
     samples = _sample(patch.ycc, local, normal, u)  # (N, M, 3)
     x0, y0, x1, y1 = patch.picture
     ends = local[:, None, :] + normal[:, None, :] * np.array([-margin, margin])[:, None]
-    inside = (
-        (ends[..., 0] >= x0) & (ends[..., 0] <= x1 - 1) & (ends[..., 1] >= y0) & (ends[..., 1] <= y1 - 1)
-    ).all(axis=1)
+    inside = ((ends[..., 0] >= x0) & (ends[..., 0] <= x1 - 1) & (ends[..., 1] >= y0) & (ends[..., 1] <= y1 - 1)).all(
+        axis=1
+    )
     if inside.sum() < 8:
         return None
 
@@ -105,7 +110,7 @@ def find_edges(
     # blind to both (Fisher's discriminant) sees a coloured marker's edge whatever the light does to it.
     within = 0.25 * _scatter(colour_out[inside]) + 0.2 * _scatter(samples[deep & inside[:, None]])
     difference = reference - colour_out
-    direction = np.linalg.solve(within + np.eye(3) * config.noise**2, difference.T).T
+    direction = np.linalg.solve(within + np.eye(3) * config.balance**2, difference.T).T
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
     profile = np.einsum("nmc,nc->nm", samples, direction)  # (N, M)
 
@@ -123,7 +128,11 @@ def find_edges(
 
     wanted = np.arange(len(shift))
     # Template for shift k at sample m: abscissa u_m - shift_k.
-    index = np.rint((uu[0] - v[0]) / fine).astype(int) + np.arange(len(uu))[None, :] * 2 - (wanted - (len(shift) // 2))[:, None]
+    index = (
+        np.rint((uu[0] - v[0]) / fine).astype(int)
+        + np.arange(len(uu))[None, :] * 2
+        - (wanted - (len(shift) // 2))[:, None]
+    )
     index = np.clip(index, 0, len(v) - 1)
     data = profile[:, first : first + len(uu)]
     data = data - data.mean(axis=1, keepdims=True)
@@ -154,7 +163,16 @@ def find_edges(
     if keep.sum() < 6:
         return None
     points = outline_px + normal * offset[:, None]
-    return EdgePoints(points[keep], np.maximum(sd[keep], 0.02), np.flatnonzero(keep), offset[keep], int(inside.sum()))
+    total = float((data[keep] ** 2).sum())
+    explained = 1 - float(mid[keep].sum()) / max(total, 1e-12)
+    return EdgePoints(
+        points[keep],
+        np.maximum(sd[keep], 0.02),
+        np.flatnonzero(keep),
+        offset[keep],
+        int(inside.sum()),
+        explained,
+    )
 
 
 def _sample(image: F32, origin: FloatArray, normal: FloatArray, u: FloatArray) -> F32:
@@ -283,7 +301,13 @@ def _swept(
 _LEVELS = np.linspace(0, 1, 2049)
 _TO_LINEAR = np.where(_LEVELS <= 0.04045, _LEVELS / 12.92, ((_LEVELS + 0.055) / 1.055) ** 2.4)
 _TO_CODE = np.where(_LEVELS**2 <= 0.0031308, _LEVELS**2 * 12.92, 1.055 * _LEVELS ** (2 / 2.4) - 0.055)
-_BGR_TO_YCC = np.array([[0.114, 0.587, 0.299], [-0.114 * 0.713, -0.587 * 0.713, 0.701 * 0.713], [0.886 * 0.564, -0.587 * 0.564, -0.299 * 0.564]])
+_BGR_TO_YCC = np.array(
+    [
+        [0.114, 0.587, 0.299],
+        [-0.114 * 0.713, -0.587 * 0.713, 0.701 * 0.713],
+        [0.886 * 0.564, -0.587 * 0.564, -0.299 * 0.564],
+    ]
+)
 _YCC_TO_BGR = np.linalg.inv(_BGR_TO_YCC)
 
 

@@ -2,6 +2,7 @@
 trackers.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from spheremcap.chain import ChainConfig
+from spheremcap.core.estimate import Status
 from spheremcap.evaluation.blob import BlobTracker
 from spheremcap.evaluation.lab import Lab
 from spheremcap.evaluation.metrics import (
@@ -46,12 +48,18 @@ _SHORT = (
 def accuracy(lab: Lab) -> Result:
     """The chain alone on every session, all metrics, and the frames on which something went wrong."""
     rows: dict[str, Score] = {}
+    statuses = [["", *(f"{s.value} %" for s in Status), "frames"]]
     faults = [["", "failures at", "false accepts at", "missed at", "came back at (+ frames until measured)"]]
     for trial in lab.trials() + lab.clip_trials():
         lab.tell(f"accuracy: {trial.name}")
-        scores = score_run(trial, run_alone(trial))
+        run = run_alone(trial)
+        scores = score_run(trial, run)
         for marker, one, compared in _by_marker(trial, scores):
             rows[marker] = one
+            said = Counter(e.status for e in run.estimates if e.marker == compared.marker)
+            statuses.append(
+                [marker, *(f"{100 * said[s] / said.total():.1f}" for s in Status), str(said.total())]
+            )
             back = [
                 f"{frame} (+{'never' if wait is None else wait})" for frame, wait in reacquisitions(compared)
             ]
@@ -89,6 +97,7 @@ def accuracy(lab: Lab) -> Result:
         (
             Table("All metrics", table_cells(rows, [name for name, _, _ in COLUMNS])),
             Table("Where it went wrong", faults),
+            Table("Statuses over all frames, also those without truth", statuses),
         ),
         (Plot("accuracy", "Overlap that is missing, and centre error", draw, (9, 0.9 + 0.24 * len(rows))),),
     )

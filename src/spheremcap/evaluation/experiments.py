@@ -30,8 +30,8 @@ EXPERIMENTS: Mapping[str, Callable[[Lab], Result]] = {
 
 
 def describe(name: str) -> str:
-    """One line on an experiment, from its docstring."""
-    return (EXPERIMENTS[name].__doc__ or "").strip().splitlines()[0]
+    """What an experiment shows, from its docstring."""
+    return " ".join((EXPERIMENTS[name].__doc__ or "").split())
 
 
 def run_experiment(name: str, lab: Lab) -> Result:

@@ -148,6 +148,7 @@ def tune_hough(
     settings: Path | None = None,
     *,
     draws: int = 200,
+    grid: bool = True,
     overwrite: bool = False,
     tell: Callable[[int, int], None] = lambda done, total: None,
 ) -> Tuned:
@@ -160,7 +161,7 @@ def tune_hough(
     rows = read_truth(truth)
     with VideoSource(video, packets=False) as source:
         samples = hough_samples(source.frames(), rows)
-    tuned = tune(samples, draws, base=(given or Settings()).chain.hough, tell=tell)
+    tuned = tune(samples, draws, grid, base=(given or Settings()).chain.hough, tell=tell)
     values = tuned.best.model_dump()
     if given is not None:
         chain = given.chain.model_copy(update={"hough": tuned.best})

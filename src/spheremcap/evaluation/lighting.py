@@ -91,8 +91,8 @@ def illumination(lab: Lab) -> Result:
         "Illumination",
         f"{poses} poses of a rendered marker, each level a video of its own that is seeded on its first "
         "frame with the true circle in whole pixels. Accuracy is 100 * Dice over all frames, where one "
-        "without a circle counts 0. Gain is in linear light and clips at white; the offset is added to the 8-bit "
-        "values and clips at both ends.",
+        "without a circle counts 0. Gain is in linear light and clips at white; the offset is added to the "
+        "8-bit values and clips at both ends.",
         "spheremcap experiment illumination",
         (
             Table("By exposure gain", cells(gains, by_gain, ".3f")),

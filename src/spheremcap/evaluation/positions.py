@@ -9,7 +9,7 @@ from spheremcap.core.estimate import Status
 from spheremcap.evaluation.lab import Lab
 from spheremcap.evaluation.protocol import run_alone
 from spheremcap.evaluation.result import Plot, Result, Table
-from spheremcap.positioning.sphere import sphere_of_circle, thesis_position
+from spheremcap.positioning.sphere import thesis_position
 from spheremcap.synth.scenarios import STATIC_M
 
 FloatArray = npt.NDArray[np.float64]
@@ -36,12 +36,12 @@ def positions(lab: Lab) -> Result:
         circle, constant = estimate.circle, settings.thesis_constant_px
         said = {
             "edge rays": estimate.xyz_cam_m,
-            "circle (Penne et al.)": sphere_of_circle(circle, radius_m, first),
+            "fx R / r": thesis_position(circle, radius_m, first.fx_px, first),
             "thesis, l_o = radius": thesis_position(circle, radius_m, constant, first),
             "thesis, l_o = diameter": thesis_position(circle, 2 * radius_m, constant, first),
         }
         groups.setdefault(int(away.argmin()), []).append((row.xyz_cam_m, said))
-    formulas = ["edge rays", "circle (Penne et al.)", "thesis, l_o = radius", "thesis, l_o = diameter"]
+    formulas = ["edge rays", "fx R / r", "thesis, l_o = radius", "thesis, l_o = diameter"]
     cells = [["position (x, y, z) m", "range m", "frames", *(f"{f}: range bias %" for f in formulas)]]
     cells[0] += ["edge rays: sd mm", "edge rays: RMSE mm"]
     everything: dict[str, list[tuple[float, float]]] = {f: [] for f in formulas}  # (range error, 3D error), %
@@ -93,7 +93,8 @@ def positions(lab: Lab) -> Result:
         "positions",
         "15 static known positions",
         "One camera, the marker held still at 15 places; the same measured circles through each formula. "
-        "Ranges are distances from the camera's centre. The thesis' constant is 1211.27 px (eq 3.12).",
+        "Ranges are distances from the camera's centre. Edge rays are exact; fx R / r takes the outline "
+        "for a circle on the axis; the thesis' formula is that with its constant of 1211.27 px (eq 3.12).",
         "spheremcap experiment positions",
         (Table("By formula, all positions", overall), Table("By position", cells)),
         (Plot("positions", "Bias of the distance at each position", draw),),

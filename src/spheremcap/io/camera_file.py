@@ -44,6 +44,16 @@ def read_camera_info(path: Path) -> Camera:
         raise SettingsError(f"{path}: camera_matrix.data has {len(k)} numbers, 9 are needed")
     model: DistortionModel = _MODELS[name] if any(distortion) else "none"
     try:
-        return Camera(width, height, k[0], k[4], k[2], k[5], model, distortion if model != "none" else (), source=path.name)
+        return Camera(
+            width,
+            height,
+            k[0],
+            k[4],
+            k[2],
+            k[5],
+            model,
+            distortion if model != "none" else (),
+            source=path.name,
+        )
     except ValueError as error:
         raise SettingsError(f"{path}: {error}") from error

@@ -377,7 +377,8 @@ class McapImageSource:
             if (frame.width_px, frame.height_px) != (self.width_px, self.height_px):
                 self.lost.stopped = (
                     f"{self.path}: {self.topic}: the picture size changes from "
-                    f"{self.width_px}x{self.height_px} to {frame.width_px}x{frame.height_px} at message {frame.index}; the rest is left out"
+                    f"{self.width_px}x{self.height_px} to {frame.width_px}x{frame.height_px} "
+                    f"at message {frame.index}; the rest is left out"
                 )
                 break
             self.lost.out_of_order += last_ns is not None and frame.stamp_ns <= last_ns

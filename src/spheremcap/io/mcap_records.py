@@ -126,7 +126,9 @@ class McapRecords:
     def attachments(self) -> Iterator[Attachment]:
         """The attachments in file order, read one at a time."""
         for offset, length in self._attachments:
-            yield Attachment.read(_stream(self._read(offset, length)))
+            attachment = _parsed(Attachment.read, self._read(offset, length))
+            if attachment is not None:
+                yield attachment
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """All readable messages, or those of `topics`, by log time; equal times in the order of the file."""
@@ -317,12 +319,12 @@ class McapRecords:
             self.metadata.append(metadata)
 
     def _keep_attachment(self, offset: int, length: int) -> None:
-        body = self._read(offset, length)
-        crc = int.from_bytes(body[-4:], "little")
-        if _parsed(Attachment.read, body) is None:
-            self._lose(offset, "an attachment does not parse")
-            return
-        if crc and zlib.crc32(body[:-4]) != crc:
+        """Its inner lengths are right already; its checksum is taken a piece at a time."""
+        crc, end = 0, offset + length - 4
+        for at in range(offset, end, 1 << 20):
+            crc = zlib.crc32(self._read(at, min(1 << 20, end - at)), crc)
+        stated = int.from_bytes(self._read(end, 4), "little")
+        if stated and stated != crc:
             self._lose(offset, "an attachment's checksum is wrong: it is kept as it is")
         self._attachments.append((offset, length))
 
@@ -411,14 +413,10 @@ def _pread(fd: int, offset: int, length: int) -> bytes:
     return data
 
 
-def _stream(body: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(body))
-
-
 def _parsed(read: Callable[[ReadDataStream], _Record], body: bytes) -> _Record | None:
     """The record, or None when its bytes do not make one."""
     try:
-        return read(_stream(body))
+        return read(ReadDataStream(BytesIO(body)))
     except Exception:  # the reference reader raises whatever its struct, dict and str calls raise
         return None
 

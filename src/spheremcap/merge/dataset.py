@@ -12,7 +12,8 @@ from spheremcap.io import recording
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.merge.clock import Clock
 from spheremcap.merge.join import McapStream, Merged, Stream, merge_streams
-from spheremcap.merge.sensors import SensorLog, SensorStream, TableMapping, read_sensors
+from spheremcap.merge.samples import SensorStream
+from spheremcap.merge.sensors import SensorLog, TableMapping, read_sensors
 from spheremcap.merge.sync import Sync, SyncConfig, residual_log, sync_marker
 
 

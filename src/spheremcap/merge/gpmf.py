@@ -63,9 +63,7 @@ def read_gpmf(path: str | os.PathLike[str]) -> list[tuple[str, StampArray, Float
 
 
 def _is_gpmf(stream: Any) -> bool:
-    tag = getattr(stream.codec_context, "codec_tag", "") if stream.codec_context is not None else ""
-    handler = stream.metadata.get("handler_name", "")
-    return tag == "gpmd" or "GoPro MET" in handler
+    return "GoPro MET" in stream.metadata.get("handler_name", "")
 
 
 def _collect(

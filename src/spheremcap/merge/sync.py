@@ -170,7 +170,7 @@ def _derived(
         if len(part) < 5 or i1 - i0 < 2 * width:
             continue
         even = CubicSpline(t[part], xyz[part])(grid[i0:i1])
-        smooth = savgol_filter(even, width, 4, deriv=order, delta=step, axis=0)
+        smooth = savgol_filter(even, width, 4, deriv=order, delta=step, axis=0, mode="nearest")
         out[i0 + width // 2 : i1 - width // 2] = smooth[width // 2 : len(smooth) - width // 2]
     return stamps[0] + np.rint(grid * NS_PER_S).astype(np.int64), out
 
@@ -236,7 +236,7 @@ def sync_marker(
 def residual_log(sync: Sync, name: str) -> SensorLog:
     """The windows' residuals as a record (residual_ms, agreed 0 or 1) on the reference's clock, to merge."""
     values = {"residual_ms": sync.window_residual_s * 1e3, "agreed": sync.agreed.astype(np.float64)}
-    return SensorLog(f"{name}_sync", "record", sync.window_stamp_ns, values, name, "sync")
+    return SensorLog(f"{name}_sync", "record", sync.window_stamp_ns, values, name, "")
 
 
 # --- the estimate ---
@@ -425,7 +425,7 @@ class _Pair:
         if not self.gravity:
             return lag, self.values[:, 0]
         usable = np.flatnonzero(np.isfinite(self.values).all(axis=1))
-        for step, most in ((0.005, 5_000), (0.001, 30_000)):
+        for step, most in ((0.005, 5_000), (0.001, 15_000)):
             rows = usable[:: max(1, len(usable) // most)]
             tries = lag + np.arange(-12, 13) * step
             costs = [self._constant_part(rows, more, drift)[1] for more in tries]

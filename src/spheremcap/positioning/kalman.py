@@ -58,7 +58,11 @@ class Track3D:
         return self._stamp_ns is not None
 
     def start(
-        self, stamp_ns: int, xyz_cam_m: FloatArray, covariance_m2: FloatArray, velocity_cam_mps: FloatArray | None = None
+        self,
+        stamp_ns: int,
+        xyz_cam_m: FloatArray,
+        covariance_m2: FloatArray,
+        velocity_cam_mps: FloatArray | None = None,
     ) -> None:
         """Begin at a measured place; the velocity, when not given, is zero with the configured deviation."""
         self._filter.x = np.concatenate([xyz_cam_m, np.zeros(3) if velocity_cam_mps is None else velocity_cam_mps])

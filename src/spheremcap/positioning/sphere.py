@@ -29,7 +29,9 @@ class PositionConfig(StageConfig):
     thesis_constant_px: float = Field(1211.27, gt=0, description="f / (2 l_p) of eq 3.12, for `thesis`")
     thesis_size: Literal["radius", "diameter"] = Field("diameter", description="what l_o of eq 3.12 is")
     systematic_px: float = Field(
-        0.03, ge=0, description="error shared by all edge points (shading, codec), added to the covariance; measured"
+        0.08,
+        ge=0,
+        description="error shared by all edge points (shading, codec), added to the covariance; measured",
     )
 
 
@@ -172,7 +174,7 @@ def fit_sphere(
         return None
     spread = float((weights * residual**2).sum()) / max(1.0, effective - 3)
     covariance = np.linalg.inv(information) * max(1.0, spread)
-    return SphereFit(centre, covariance, weights, residual)
+    return SphereFit(centre, covariance.astype(np.float64), weights, residual)
 
 
 def _cone_residual(rays: FloatArray, centre: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray]:

@@ -112,8 +112,12 @@ class Kcf:
         # with this k a patch that moved by +d peaks at +d.
         response = fft.irfft2(kernel_f * self._alpha_f, s=(n, n))
         row, column = np.unravel_index(int(response.argmax()), response.shape)
-        dy = _signed(int(row), n) + _parabola(response[(row - 1) % n, column], response[row, column], response[(row + 1) % n, column])
-        dx = _signed(int(column), n) + _parabola(response[row, (column - 1) % n], response[row, column], response[row, (column + 1) % n])
+        dy = _signed(int(row), n) + _parabola(
+            response[(row - 1) % n, column], response[row, column], response[(row + 1) % n, column]
+        )
+        dx = _signed(int(column), n) + _parabola(
+            response[row, (column - 1) % n], response[row, column], response[row, (column + 1) % n]
+        )
         px_per_cell = 2 * self.half_side_px(at.r_px) / n
         return KcfResponse(at.shifted(dx * px_per_cell, dy * px_per_cell), float(response[row, column]))
 

@@ -18,7 +18,9 @@ class PointsConfig(StageConfig):
 
     enabled: bool = Field(True, description="false leaves the size to the Kalman filter (figure 2.5a)")
     max_step: float = Field(0.1, gt=0, lt=1, description="largest relative change of radius a frame; ours")
-    max_round_trip_px: float = Field(0.7, gt=0, description="forward-backward distance that keeps a point, 64-px square; ours")
+    max_round_trip_px: float = Field(
+        0.7, gt=0, description="forward-backward distance that keeps a point, 64-px square; ours"
+    )
     min_points: int = Field(6, ge=3, description="fewer surviving points give no scale; ours")
 
 

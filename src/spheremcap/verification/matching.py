@@ -81,7 +81,9 @@ def match(
         row, column, dy, dx = _peak(-values if low else values)
         middle = (values.shape[0] - 1) / 2
         circle = Circle(
-            around.x_px + (column + dx - middle) / scale, around.y_px + (row + dy - middle) / scale, around.r_px
+            around.x_px + (column + dx - middle) / scale,
+            around.y_px + (row + dy - middle) / scale,
+            around.r_px,
         )
         out.append(ResponseMap(name, values, low, (column, row), circle))
     return tuple(out)
@@ -121,14 +123,15 @@ def six_maps(template: F32, search: F32, difference: str = "SQDIFF") -> dict[str
 def _window_sums(image: F32, rows: int, columns: int) -> npt.NDArray[np.float64]:
     """Sum over every rows x columns window, from an integral image in double precision."""
     table = cv2.integral(image, sdepth=cv2.CV_64F)
-    return table[rows:, columns:] - table[:-rows, columns:] - table[rows:, :-columns] + table[:-rows, :-columns]  # type: ignore[no-any-return]
+    low, high = table[:-rows], table[rows:]
+    return high[:, columns:] - low[:, columns:] - high[:, :-columns] + low[:, :-columns]  # type: ignore[return-value]
 
 
 def _sad(template: F32, search: F32) -> F32:
     """Eq 3.5 over three channels; direct, so about n^2 times the work of one correlation shift."""
     windows = np.lib.stride_tricks.sliding_window_view(search, template.shape[:2], axis=(0, 1))
     out = np.empty(windows.shape[:2], np.float32)
-    goal = np.moveaxis(template, 2, 0)
+    goal = template.transpose(2, 0, 1)
     for row in range(out.shape[0]):
         out[row] = np.abs(windows[row] - goal).sum(axis=(1, 2, 3))
     return out
