@@ -7,8 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from spheremcap.evaluation.metrics import table
-from spheremcap.evaluation.tracks import evaluate
+from spheremcap.evaluation.tracks import evaluate, scores_table
 from spheremcap.io.layout import layout_json
 
 
@@ -32,7 +31,7 @@ def main() -> None:
     layout = folder / "foxglove-layout.json"
     layout.write_text(layout_json(["left_wrist", "right_wrist"]), encoding="utf-8")
     print("\nAgainst the exact truth of the rendering:")
-    print(table(evaluate(recording, folder / "truth.csv").by_marker))
+    print(scores_table(evaluate(recording, folder / "truth.csv")))
     print(f"\nTo look at it: open {recording} in Foxglove (or Lichtblick), then import the layout {layout}.")
 
 

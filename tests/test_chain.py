@@ -6,7 +6,19 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from scenes import BLUE, CAMERA, PERIOD_NS, RADIUS_M, Ball, Cover, bgr_frame, picture, truth, yuv_frame
+from scenes import (
+    BLUE,
+    CAMERA,
+    ORANGE,
+    PERIOD_NS,
+    RADIUS_M,
+    Ball,
+    Cover,
+    bgr_frame,
+    picture,
+    truth,
+    yuv_frame,
+)
 from spheremcap.chain import ChainConfig, MarkerChain, PolicyConfig
 from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import Status
@@ -267,6 +279,17 @@ def test_a_ball_of_another_colour_in_its_place_is_never_verified():
         chain.step(bgr_frame(picture(Ball(path(i).xyz, BLUE), noise_seed=i), i)) for i in range(12, 24)
     ]
     assert not any(e.status.measured for e in swapped)
+
+
+def test_a_marker_that_turns_into_another_little_by_little_is_not_verified():
+    """The template follows a slow change six votes to nought; the seed's own colours keep a say."""
+    chain = settled()
+    for i in range(12, 36):
+        share = min(1.0, (i - 12) / 16)
+        rgb = tuple(round(a + share * (b - a)) for a, b in zip(ORANGE, BLUE, strict=True))
+        estimate = chain.step(bgr_frame(picture(Ball(path(i).xyz, rgb), noise_seed=i), i))
+        if share == 1.0:
+            assert not estimate.status.measured
 
 
 def test_another_ball_that_crosses_does_not_carry_the_track_away():

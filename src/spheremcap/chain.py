@@ -90,8 +90,8 @@ class MarkerChain:
     """The chain of one marker. `seed` first, then `step` for every later frame in order.
 
     `metric` False means that the camera is only assumed: tracking works, but no metres are given out.
-    `exposure_s` is the exposure time; 0 when it is not known, then it is learnt from how blurred the marker's outline is
-    while it moves. `view` holds the last frame's StageView when `step` was asked to keep it.
+    `exposure_s` is the exposure time; 0 when it is not known: it is then learnt from how blurred the
+    marker's outline is while it moves. `view` holds the last frame's StageView when `step` was asked to keep it.
     """
 
     def __init__(

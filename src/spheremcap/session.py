@@ -12,7 +12,6 @@ from spheremcap.core.estimate import FrameResult, MarkerEstimate, OperatorReques
 from spheremcap.core.frame import Frame
 from spheremcap.core.marker import MarkerSpec, Seed
 from spheremcap.core.stage import StageConfig
-from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import UsageError
 from spheremcap.positioning.kalman import Moment, smooth
 
@@ -42,7 +41,8 @@ class Session:
     """Tracks several markers through frames in order, each by its own chain, each frame decoded once.
 
     `camera` must fit the frames' size; `metric` False means it is only assumed and no metres are given out.
-    `keep_view` says for which estimates the stages' pictures are kept. Raises UsageError for a seed of an unknown marker, or for a marker without a seed.
+    `keep_view` says for which estimates the stages' pictures are kept. Raises UsageError for a
+    seed of an unknown marker, or for a marker without a seed.
     """
 
     def __init__(

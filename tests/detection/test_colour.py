@@ -108,14 +108,14 @@ def test_growing_stops_where_volume_grows_faster_than_the_share_of_points():
 
 
 def test_the_growing_boxs_volume_counts_in_three_dimensions():
-    """Points spread evenly over the box's size: d(size^3) overtakes d(points) at size 1 / sqrt 3."""
+    """Points whose share grows as the root of the box's size: d(size^3) overtakes it at (1/6)^0.4 = 0.49."""
     rng = np.random.default_rng(7)
     shell = rng.uniform(-1, 1, (30000, 3))
     shell /= np.abs(shell).max(axis=1, keepdims=True)
-    pixels = np.rint(shell * rng.uniform(0, 1, (30000, 1)) * 85 + np.array([90, 128, 128]))
+    pixels = np.rint(shell * rng.uniform(0, 1, (30000, 1)) ** 2 * 85 + np.array([90, 128, 128]))
     pixels[:, 0] = 90 + (pixels[:, 0] - 90) * 0.8  # the hue circle is smaller
     box = learn_box(np.rint(pixels).astype(np.uint8), ColourConfig(stop="gain", **FREE))
-    assert np.ptp(box.value) / 170 == pytest.approx(3**-0.5, abs=0.04)
+    assert np.ptp(box.value) / 170 == pytest.approx(0.49, abs=0.1)
 
 
 def test_evenly_spread_points_leave_the_rule_no_reason_to_stop_early():

@@ -51,7 +51,7 @@ class Camera:
         return np.array(self.distortion, np.float64)
 
     def scaled(self, width_px: int, height_px: int) -> "Camera":
-        """The same camera for pictures resized to another size (pixel centres at integers: edges scale, centres shift)."""
+        """The same camera for pictures resized to another size: edges scale, so pixel centres shift."""
         sx, sy = width_px / self.width_px, height_px / self.height_px
         return Camera(
             width_px, height_px, self.fx_px * sx, self.fy_px * sy,

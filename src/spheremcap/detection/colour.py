@@ -16,7 +16,7 @@ HUES = 180  # OpenCV's hue circle: 0..179, two degrees a step
 
 
 class ColourConfig(StageConfig):
-    """Both stop rules of eq 2.26; the least half-widths keep a flat, noise-free seed from making a box of one colour."""
+    """Both stop rules of eq 2.26; the least half-widths keep a flat seed from making a box of one colour."""
 
     enabled: bool = Field(True, description="false leaves detection to Hough, KCF and the prediction")
     stop: Literal["coverage", "gain"] = Field("coverage", description="coverage: until `coverage`; gain: eq 2.26")

@@ -4,6 +4,7 @@ State (x, y, z, vx, vy, vz) in the camera's optical frame, metres and metres a s
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -122,7 +123,7 @@ def smooth(moments: list[Moment], acceleration_mps2: float) -> list[Moment]:
         return list(moments)
     steps = [
         transition((b.stamp_ns - a.stamp_ns) / NS_PER_S, acceleration_mps2)
-        for a, b in zip(moments, moments[1:], strict=False)
+        for a, b in pairwise(moments)
     ]
     fs, qs = zip(*steps, steps[-1], strict=True)  # step k leads from k to k + 1; the last is never used
     states, covariances, _, _ = rts_smoother(

@@ -141,15 +141,15 @@ def fit_sphere(
 ) -> SphereFit | None:
     """The sphere whose tangent cone runs through the edge rays (N, 3), robustly; None when it does not converge.
 
-    Gauss-Newton on the angle between each ray and the cone, in units of the ray's standard deviation `sd_rad` (N,),
+    Gauss-Newton on the angle between each ray and the cone, in units of the ray's deviation `sd_rad` (N,),
     with Geman-McClure weights whose scale falls from `loose` to 3 standard deviations, so that points on an occluder
-    lose their say. A marker that is no perfect sphere, or blur that was not modelled, leaves residuals beyond the stated
+    lose their say. A marker that is no perfect sphere, or blur not modelled, leaves residuals beyond the stated
     deviations: these are widened by the median residual, up to `imperfection` of the marker's angular radius. The
     covariance is that of the weighted fit, widened once more when its residuals are larger than stated.
     """
     centre = start_m.astype(np.float64).copy()
     weights = np.ones(len(rays))
-    scales = np.geomspace(max(loose, 3.0), 3.0, rounds - 2).tolist() + [3.0, 3.0]
+    scales = [*np.geomspace(max(loose, 3.0), 3.0, rounds - 2), 3.0, 3.0]
     information, sd = np.zeros((3, 3)), sd_rad
     for scale in scales:
         residual, jacobian = _cone_residual(rays, centre, radius_m)

@@ -1,0 +1,5 @@
+"""`python -m spheremcap` is `spheremcap`."""
+
+from spheremcap.cli import main
+
+main()
