@@ -18,8 +18,8 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from spheremcap.io.join import McapStream, merge_streams
 from spheremcap.io.mcap_records import McapRecords
-from spheremcap.merge.join import McapStream, merge_streams
 
 
 def record(path: Path, total: int, size: int, compressible: bool) -> Path:

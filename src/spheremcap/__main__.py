@@ -1,4 +1,4 @@
-"""`python -m spheremcap` is `spheremcap`."""
+"""python -m spheremcap"""
 
 from spheremcap.cli import main
 

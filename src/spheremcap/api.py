@@ -1,14 +1,19 @@
 """The jobs of spheremcap as functions: track a video into a recording. Wires io to the session."""
 
 import hashlib
+import heapq
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+
+from pydantic import ValidationError
 
 from spheremcap.config import CameraSettings, MarkerSettings, Settings, seeds_toml
 from spheremcap.core.camera import Camera
-from spheremcap.core.estimate import MarkerEstimate, Status
+from spheremcap.core.estimate import FrameResult, MarkerEstimate, Status
 from spheremcap.core.frame import BgrImage, EncodedPicture, Frame
 from spheremcap.core.marker import Seed
 from spheremcap.core.presets import PRESETS, assumed_camera
@@ -16,7 +21,9 @@ from spheremcap.core.time import NS_PER_S, format_time
 from spheremcap.errors import UsageError
 from spheremcap.io.camera_file import read_camera_info
 from spheremcap.io.encode import H264Encoder, jpeg_encode
+from spheremcap.io.join import Join, SharedWriter, checked_output, open_output
 from spheremcap.io.mcap_log import McapLog, RunInfo
+from spheremcap.io.sources import CameraView, FromMcap, open_input
 from spheremcap.io.video import VideoSource
 from spheremcap.session import Session
 
@@ -43,11 +50,13 @@ Progress = Callable[[int, int | None], None]
 """Called with frames done and frames expected (None when the container does not say)."""
 
 
-def resolve_camera(settings: CameraSettings, width_px: int, height_px: int, folder: Path) -> tuple[Camera, bool, str]:
+def resolve_camera(
+    settings: CameraSettings, width_px: int, height_px: int, folder: Path, found: Camera | None = None
+) -> tuple[Camera, bool, str]:
     """The camera for pictures of this size, whether its metres may be given out, and a note for the user.
 
-    A calibration for another size of the same shape is scaled. Raises UsageError for an unknown preset or a camera
-    of another shape.
+    `found` is the calibration beside the pictures, for when the settings name no camera. A calibration for another
+    size of the same shape is scaled. Raises UsageError for an unknown preset or a camera of another shape.
     """
     if settings.preset is not None:
         if settings.preset not in PRESETS:
@@ -68,6 +77,8 @@ def resolve_camera(settings: CameraSettings, width_px: int, height_px: int, fold
         except ValueError as error:
             raise UsageError(f"camera: {error}") from error
         note = "camera from the settings"
+    elif found is not None:
+        camera, note = found, f"camera from {found.source}"
     elif (width_px, height_px) == (1280, 720):
         camera = PRESETS["gopro-hero4-black-720p240-narrow"]
         note = (
@@ -97,77 +108,204 @@ def track(
     folder: Path = Path(),
     overwrite: bool = False,
     start_time_ns: int | None = None,
+    mcap: FromMcap | None = None,
     progress: Progress = lambda done, total: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> TrackReport:
-    """Track every marker through a video and write the annotated recording.
+    """Track every marker through a video, or through image topics of an MCAP, and write the annotated recording.
 
-    Markers that only the seeds name get the default diameter. `folder` is where relative paths in the settings start;
-    `stop` is asked before every frame and ends the recording there, readable under OUT.part. Raises SpheremcapError.
+    Markers that only the seeds name get the default diameter. With several image topics, each is a camera of its
+    own, and a seed's marker is named after the camera's topic: `front/left_wrist` is on /front/image. `folder` is
+    where relative paths in the settings start; `start_time_ns` is for videos, `mcap` for recordings. `stop` is
+    asked before every frame and ends the recording there, readable under OUT.part. Raises SpheremcapError.
     """
-    settings = _with_seeded_markers(settings, seeds)
-    if not settings.markers:
-        raise UsageError("no marker to track: give --seed NAME@FRAME=X,Y,R, or markers in a settings file and seeds")
-    report = TrackReport(output)
-    with VideoSource(source_path, start_time_ns=start_time_ns, packets=settings.output.video in ("auto", "passthrough")) as source:
+    source_path, output = Path(source_path), Path(output)
+    checked_output(output, [source_path], overwrite=overwrite)
+    packets = settings.output.video in ("auto", "passthrough")
+    with open_input(source_path, mcap, start_time_ns=start_time_ns, packets=packets) as given:
+        report = TrackReport(output)
+        size, digest = _fingerprint(source_path)
+        shared = RunInfo(source_path.name, size, digest)
+        cameras = [_Camera(*one, folder, shared) for one in _by_camera(given.views, settings, seeds)]
+        hints = [view.source.frame_count_hint for view in given.views]
+        done, expected = 0, sum(hint or 0 for hint in hints) if all(hints) else None
+
+        def go_on() -> bool:
+            nonlocal done
+            report.stopped = report.stopped or stop()
+            done += 1
+            progress(done, expected)
+            return not report.stopped
+
+        with (
+            open_output(
+                output, [source_path], overwrite=overwrite, compression=settings.output.compression
+            ) as writer,
+            ExitStack() as logs,
+        ):
+            copy = Join(writer, given.streams)
+            for camera in cameras:
+                logs.enter_context(camera.begin(writer, given.notes))
+            last_ns = 0
+            steps = heapq.merge(*(camera.steps(go_on) for camera in cameras), key=lambda step: step[0])
+            for log_ns, write in steps:
+                copy.until(log_ns)
+                write()
+                last_ns = log_ns
+            for camera in cameras:
+                camera.end(report, given.lost(), last_ns)
+            if not report.stopped:
+                copy.rest()
+            writer.complete = not report.stopped
+        report.lost = given.lost() + report.lost
+    return report
+
+
+class _Camera:
+    """One camera: its pictures go through its session, and what comes out into its part of the recording."""
+
+    def __init__(
+        self, view: CameraView, settings: Settings, seeds: Sequence[Seed], folder: Path, run: RunInfo
+    ) -> None:
+        source = view.source
+        self._view, self._output = view, settings.output
         last = source.frame_count_hint
         for seed in seeds:
             if last is not None and seed.frame_index >= last:
-                raise UsageError(f"seed of {seed.marker} on frame {seed.frame_index}: {source_path} has {last} frames (0 to {last - 1})")
-        camera, metric, camera_note = resolve_camera(settings.camera, source.width_px, source.height_px, folder)
-        encode, video_note = _picture_maker(settings, source)
-        report.notes += [camera_note, video_note]
-        specs = [m.spec() for m in settings.markers]
-        statuses = {spec.name: Counter[Status]() for spec in specs}
-        report.statuses = statuses
-        session = Session(
-            camera, specs, seeds, settings.chain, settings.session,
+                raise UsageError(
+                    f"{source.path}: seed of {seed.marker} on frame {seed.frame_index}: "
+                    f"there are {last} frames (0 to {last - 1})"
+                )
+        self._first_seed = min(seeds, key=lambda seed: seed.frame_index, default=None)
+        camera, metric, camera_note = resolve_camera(
+            settings.camera, source.width_px, source.height_px, folder, view.calibration
+        )
+        self._encode, video_note = _picture_maker(settings, view)
+        self._notes = [camera_note, video_note]
+        self._specs = [m.spec() for m in settings.markers]
+        self._session = Session(
+            camera, self._specs, seeds, settings.chain, settings.session,
             exposure_s=settings.camera.exposure_s, metric=metric, keep_view=_view_keeper(settings),
         )  # fmt: skip
-        size, digest = _fingerprint(source_path)
-        run = RunInfo(
-            source_path.name, size, digest, source.start_time_source, video_note,
-            settings.to_toml(), seeds_toml(list(seeds)), {"camera_note": camera_note},
+        writes_calibration = metric and not (view.calibrated and camera is view.calibration)
+        self._calibration = camera if writes_calibration else None
+        self._topics = view.topics(pictures=self._encode is not None, calibration=writes_calibration)
+        more = {"image_topic": view.topic, "camera_note": camera_note}
+        self._run = replace(
+            run, time_source=view.time_source, video=video_note, settings_toml=settings.to_toml(),
+            seeds_toml=seeds_toml(list(seeds)), more={key: text for key, text in more.items() if text},
         )  # fmt: skip
+        self._statuses = {spec.name: Counter[Status]() for spec in self._specs}
+        self._before: dict[str, Status] = {}
+        self._frames = self._requests = 0
+
+    def begin(self, writer: SharedWriter, notes: Sequence[str]) -> McapLog:
+        """Start this camera's part of the recording; `notes` are more to tell the user."""
+        self._notes += notes
+        self._log = McapLog(
+            writer, camera=self._calibration, markers=self._specs, run=self._run, topics=self._topics
+        )
+        return self._log
+
+    def steps(self, go_on: Callable[[], bool]) -> Iterator[tuple[int, Callable[[], None]]]:
+        """For each frame the log time of its messages, which never falls, and what writes them.
+
+        `go_on` is asked before each frame.
+        """
+        source, path = self._view.source, self._view.source.path
         waiting: deque[tuple[EncodedPicture | None, BgrImage | None]] = deque()
-        overview_due = _Rate(settings.output.debug_rate_hz)
+        overview_due = _Rate(self._output.debug_rate_hz)
         step = max(1, round(source.width_px / 640))
+        stopped = False
 
         def frames() -> Iterator[Frame]:
-            for frame in source.frames():
-                if stop():
-                    report.stopped = True
+            nonlocal stopped
+            for number, frame in enumerate(source.frames()):
+                if stopped := not go_on():
                     return
-                full = settings.output.debug_images == "full" and overview_due(frame.stamp_ns)
-                waiting.append((encode(frame), frame.reduced(step) if full else None))
-                progress(frame.index + 1, last)
+                seed = self._first_seed
+                if number == 0 and seed is not None and seed.frame_index < frame.index:
+                    raise UsageError(
+                        f"seed of {seed.marker} on frame {seed.frame_index}: tracking starts on frame {frame.index}"
+                    )
+                picture = self._encode(frame) if self._encode is not None else None
+                full = self._output.debug_images == "full" and overview_due(frame.stamp_ns)
+                waiting.append((picture, frame.reduced(step) if full else None))
                 yield frame
 
-        with McapLog(
-            output, camera=camera if metric else None, markers=specs, run=run,
-            overwrite=overwrite, compression=settings.output.compression,
-        ) as log:  # fmt: skip
-            for note in report.notes:
-                log.log("WARNING" if note.startswith("no camera") else "INFO", note, source.start_time_ns)
-            before: dict[str, Status] = {}
-            stamp_ns = source.start_time_ns
-            for result in session.run(frames()):
-                stamp_ns = result.stamp_ns
-                report.frames += 1
-                report.requests += len(result.requests)
-                for estimate in result.estimates:
-                    statuses[estimate.marker][estimate.status] += 1
-                    _log_change(log, estimate, before)
+        log_ns = 0
+        try:
+            for result in self._session.run(frames()):
+                log_ns = max(log_ns, result.stamp_ns)
                 picture, overview = waiting.popleft()
-                log.write(result, picture, overview, step)
-            report.lost += source.lost.lines() if source.lost else []
-            report.lost += [
-                f"{name} is {status.value} at the end" for name, status in before.items() if status is Status.LOST
-            ]
-            for line in report.lost:
-                log.log("WARNING", line, stamp_ns)
-            log.close({"frames": str(report.frames), "lost": "; ".join(report.lost)}, complete=not report.stopped)
-    return report
+                yield log_ns, partial(self._write, result, picture, overview, step)
+        except UsageError as error:
+            if not stopped:  # else the seeds that are left are no error
+                raise UsageError(f"{path}: {error}") from error
+
+    def _write(
+        self, result: FrameResult, picture: EncodedPicture | None, overview: BgrImage | None, step: int
+    ) -> None:
+        if not self._frames:
+            for note in self._notes:
+                self._log.log("WARNING" if note.startswith("no camera") else "INFO", note, result.stamp_ns)
+        self._frames += 1
+        self._requests += len(result.requests)
+        for estimate in result.estimates:
+            self._statuses[estimate.marker][estimate.status] += 1
+            _log_change(self._log, estimate, self._before)
+        self._log.write(result, picture, overview, step)
+
+    def end(self, report: TrackReport, lost: Sequence[str], stamp_ns: int) -> None:
+        """Finish this camera's part, and put what it did into the report.
+
+        `lost` is what could not be read; `stamp_ns` the last log time of the whole recording.
+        """
+        name = self._view.name.strip("/")
+        place = f"{name}/" if name else ""
+        gone = [
+            f"{place}{m} is LOST at the end" for m, status in self._before.items() if status is Status.LOST
+        ]
+        for line in [*lost, *gone]:
+            self._log.log("WARNING", line, stamp_ns)
+        outcome = {"frames": str(self._frames), "lost": "; ".join([*lost, *gone])}
+        self._log.close(outcome, complete=not report.stopped)
+        report.frames += self._frames
+        report.requests += self._requests
+        report.statuses |= {place + marker: counts for marker, counts in self._statuses.items()}
+        report.notes += [f"{name}: {note}" if name else note for note in self._notes]
+        report.lost += gone
+
+
+def _by_camera(
+    views: Sequence[CameraView], settings: Settings, seeds: Sequence[Seed]
+) -> list[tuple[CameraView, Settings, list[Seed]]]:
+    """Each camera with its markers and seeds. With several, `front/left_wrist` is a marker of camera /front."""
+    if len(views) == 1:
+        return [(views[0], _with_seeded_markers(settings, seeds), list(seeds))]
+    own: dict[str, list[Seed]] = {view.name.strip("/"): [] for view in views}
+    for seed in seeds:
+        camera, _, marker = seed.marker.strip("/").rpartition("/")
+        if camera not in own:
+            places = ", ".join(f"{name}/{marker}" for name in own)
+            raise UsageError(
+                f"seed of {seed.marker!r}: which camera? With several topics, name it as one of {places}"
+            )
+        own[camera].append(replace(seed, marker=marker))
+    seeded = {seed.marker for some in own.values() for seed in some}
+    for m in settings.markers:
+        if m.name not in seeded:
+            raise UsageError(f"marker {m.name!r} has no seed on any of {', '.join(own)}")
+    cameras = []
+    for view, some in zip(views, own.values(), strict=True):
+        if not some:
+            raise UsageError(
+                f"no seed for {view.topic}: give one, --seed {view.name.strip('/')}/MARKER@FRAME=X,Y,R"
+            )
+        names = {seed.marker for seed in some}
+        here = settings.model_copy(update={"markers": tuple(m for m in settings.markers if m.name in names)})
+        cameras.append((view, _with_seeded_markers(here, some), some))
+    return cameras
 
 
 def _with_seeded_markers(settings: Settings, seeds: Sequence[Seed]) -> Settings:
@@ -176,24 +314,39 @@ def _with_seeded_markers(settings: Settings, seeds: Sequence[Seed]) -> Settings:
     new = [name for name in dict.fromkeys(seed.marker for seed in seeds) if name not in known]
     if known and new:
         raise UsageError(f"seed for marker {new[0]!r}, which the settings do not list ({', '.join(known)})")
-    return settings.model_copy(update={"markers": settings.markers + tuple(MarkerSettings(name=n) for n in new)})
+    if not known and not new:
+        raise UsageError(
+            "no marker to track: give --seed NAME@FRAME=X,Y,R, or markers in a settings file and seeds"
+        )
+    try:
+        return settings.model_copy(
+            update={"markers": settings.markers + tuple(MarkerSettings(name=n) for n in new)}
+        )
+    except ValidationError:
+        raise UsageError(f"marker {new[0]!r}: a name has letters, digits and underscores only") from None
 
 
-def _picture_maker(settings: Settings, source: VideoSource) -> tuple[Callable[[Frame], EncodedPicture | None], str]:
-    """How a frame becomes the picture that viewers show, and a line that says so."""
-    kind = settings.output.video
-    if kind in ("auto", "passthrough"):
-        reason = source.passthrough_reason
-        if reason is None:
-            return (lambda frame: frame.encoded), f"video passed through as recorded ({source.codec})"
-        if kind == "passthrough":
-            raise UsageError(f"--video passthrough: {reason}; use --video auto to encode it once")
-        return H264Encoder(rate_hint=source.stated_rate).encode, f"video encoded once as H.264: {reason}"
-    if kind == "h264":
-        return H264Encoder(rate_hint=source.stated_rate).encode, "video encoded as H.264 as asked"
+PictureMaker = Callable[[Frame], EncodedPicture | None]
+
+
+def _picture_maker(settings: Settings, view: CameraView) -> tuple[PictureMaker | None, str]:
+    """How a frame becomes the picture that viewers show (None: we write none), and a line that says so."""
+    kind, source = settings.output.video, view.source
+    if kind == "none":
+        return None, "no video written as asked"
     if kind == "jpeg":
         return jpeg_encode, "video written as JPEG pictures as asked"
-    return (lambda frame: None), "no video written as asked"
+    rate = source.stated_rate if isinstance(source, VideoSource) else None
+    if kind == "h264":
+        return H264Encoder(rate_hint=rate).encode, "video encoded as H.264 as asked"
+    if view.copied:
+        return None, f"pictures of {view.topic} copied as they are"
+    reason = view.passthrough_reason
+    if reason is None:
+        return (lambda frame: frame.encoded), f"video passed through as recorded ({view.codec})"
+    if kind == "passthrough":
+        raise UsageError(f"{source.path}: --video passthrough: {reason}; use --video auto to encode it once")
+    return H264Encoder(rate_hint=rate).encode, f"video encoded once as H.264: {reason}"
 
 
 class _Rate:

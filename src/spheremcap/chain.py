@@ -155,6 +155,18 @@ class MarkerChain:
         self.view = None
         return self._estimate(frame, Status.SEEDED, measured, claim=circle, search=patch.window)
 
+    def _learn_softness(self, patch: Patch, claim: _Measured, blur_px: FloatArray) -> None:
+        """Look again how soft lens and focus are, now that the motion is known: which blur explains the outline best."""
+        if not self.config.edge.learn_blur:
+            return
+        outline = outline_px(claim.xyz_cam_m, self.spec.radius_m, self.camera, self.config.edge.rays)
+        best = 0.0
+        for softness in _SOFTNESS:
+            edge = self.config.edge.model_copy(update={"blur_sigma_px": self.config.edge.blur_sigma_px * softness})
+            edges = find_edges(patch, outline, claim.circle.r_px, self._close(claim.circle), blur_px, None, edge)
+            if edges is not None and edges.explained > best + 0.003:
+                best, self._edge = edges.explained, edge
+
     def _first_look(self, patch: Patch, circle: Circle) -> _Measured | None:
         """The seed sharpened; how soft the lens and focus are is learnt from which blur explains the outline best."""
         best: _Measured | None = None
@@ -211,6 +223,8 @@ class MarkerChain:
             claim = self._claim(patch, proposals, rate_px * self.exposure_s, mask)
         if not self._exposure_known:
             claim = self._learn_exposure(patch, proposals, rate_px, interval_s, mask, claim)
+        if claim is not None and claim.visible > 0.6 and self._verified in _SOFTNESS_LOOKS:
+            self._learn_softness(patch, claim, rate_px * self.exposure_s)
         return self._decide(frame, patch, predicted, reach, claim, proposals, mask, hough, keep_view)
 
     def _search(self, frame: Frame, keep_view: bool) -> MarkerEstimate:
@@ -219,17 +233,19 @@ class MarkerChain:
         assert self._box is not None
         age_s = (frame.stamp_ns - self._last_stamp_ns) / NS_PER_S
         px_per_m = self._last.r_px / self.spec.radius_m
+        depth_m = self.spec.radius_m * self.camera.fx_px / self._last.r_px
+        change = 1.15 + self.config.policy.top_speed_mps / 2 * age_s / depth_m  # of size, either way
         reach = 3 * self._last.r_px + self.config.policy.top_speed_mps * age_s * px_per_m
         for candidate in acquire(
             frame, self._box, self._gain, self._last, Window.around(self._last, reach), self.config.acquire
         ):
-            patch = Patch(frame, Window.around(candidate, self._kcf.half_side_px(candidate.r_px)))
+            usual = replace(candidate, r_px=self._last.r_px)
+            patch = Patch(frame, Window.around(usual, self._kcf.half_side_px(max(usual.r_px, candidate.r_px))))
             mask = self._mask(patch, candidate)
-            proposals = [("acquire", candidate)]
-            colour = colour_circle(mask, patch, candidate) if mask is not None else None
-            proposals += [("colour", colour)] if colour is not None else []
+            # As large as it was, should a part be hidden; and as large as the blob.
+            proposals = [("acquire", usual), ("colour", candidate)]
             claim = self._claim(patch, proposals, np.zeros(2), mask)
-            if claim is None:
+            if claim is None or not 1 / change < claim.circle.r_px / self._last.r_px < change:
                 continue
             estimate = self._decide(
                 frame,
@@ -317,7 +333,7 @@ class MarkerChain:
                 continue
             tried.append(circle)
             measured = self._refine(patch, circle, name, 0.2 * circle.r_px + 1, blur_px, mask)
-            if measured is not None and (best is None or measured.visible > best.visible):
+            if measured is not None and (best is None or _arc_px(measured) > _arc_px(best)):
                 best = measured
             if best is not None and best.visible > 0.75:
                 break
@@ -337,6 +353,7 @@ class MarkerChain:
         radius, camera, config = self.spec.radius_m, self.camera, self.config
         xyz = sphere_of_circle(circle, radius, camera)
         close = self._close(circle)
+        hold = _HOLD.get(proposer, 0.01)
         found, edges, fit = circle, None, None
         for look in range(3):
             coarse = look == 0 and reach_px > close
@@ -348,7 +365,7 @@ class MarkerChain:
             if edges is None:
                 return None
             rays = camera.rays(edges.points_px)
-            fit = fit_sphere(rays, edges.sd_px / camera.fx_px, radius, xyz, loose=reach / 0.1)
+            fit = fit_sphere(rays, edges.sd_px / camera.fx_px, radius, xyz, loose=reach / 0.1, hold=hold)
             if fit is None:
                 return None
             before, xyz = found, fit.xyz_cam_m
@@ -435,7 +452,8 @@ class MarkerChain:
             return False
         if self.config.colour.enabled:
             inside, around = self._colour_shares(patch, claim.circle)
-            if inside < jury.seed_colour * self._seed_shares[0] or around > jury.seed_around + self._seed_shares[1]:
+            least = jury.seed_colour * max(0.4, claim.visible) * self._seed_shares[0]
+            if inside < least or around > jury.seed_around + self._seed_shares[1]:
                 return False
         return lost or self._track.inside_gate(claim.xyz_cam_m, claim.covariance_m2)
 
@@ -593,7 +611,9 @@ class MarkerChain:
         return StageView(self.spec.name, patch.window, patch.bgr, mask, hough, edges, weights, maps)
 
 
+_HOLD = {"seed": 0.03, "acquire": 0.1, "colour": 0.1}  # relative deviation of the proposals' sizes; 0.01 for others
 _SOFTNESS = (1.0, 1.6, 2.4, 3.6)  # blurs tried at the seed, in `blur_sigma_px`
+_SOFTNESS_LOOKS = (3, 6, 12, 24, 48, 96)  # verified frames after which the softness is looked at again
 _EXPOSURES = (0.0, 0.15, 0.3, 0.5, 0.75, 1.0)  # exposure times tried, in frame intervals
 _BLUR_SHOWS_PX = 5.0  # motion in a frame interval from which blur can be told
 
@@ -601,6 +621,11 @@ _BLUR_SHOWS_PX = 5.0  # motion in a frame interval from which blur can be told
 def _outline_score(claim: _Measured | None) -> float:
     """How clear an outline is: the share of it with an edge, and how well the blurred step explains that."""
     return -1.0 if claim is None else claim.visible + claim.edges.explained
+
+
+def _arc_px(claim: _Measured) -> float:
+    """Length of outline with an edge over 2 pi: a circle on a part of the marker shows a larger share, of less."""
+    return claim.visible * claim.circle.r_px
 
 
 _SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated

@@ -58,6 +58,8 @@ class MarkerSettings(StageConfig):
             found = _LENGTH.fullmatch(data["diameter"])
             if not found:
                 raise ValueError(f'diameter {data["diameter"]!r} is not a length such as "4 cm"')
+            if "diameter_m" in data:
+                raise ValueError("give diameter or diameter_m, not both")
             data = {k: v for k, v in data.items() if k != "diameter"}
             data["diameter_m"] = float(found[1]) * _UNIT_M[found[2]]
         return data

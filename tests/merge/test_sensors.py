@@ -10,9 +10,9 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from spheremcap.errors import SettingsError, SourceError, SpheremcapError, UsageError
 from spheremcap.io import recording
+from spheremcap.io.join import merge_streams
 from spheremcap.merge.clock import Clock, parse_drift
 from spheremcap.merge.gpmf import payload_samples
-from spheremcap.merge.join import merge_streams
 from spheremcap.merge.samples import SensorStream
 from spheremcap.merge.sensors import SensorLog, TableMapping, load_mapping, read_sensors
 

@@ -6,7 +6,7 @@ import cv2
 import typer
 
 from spheremcap import __version__
-from spheremcap.cli import config, export, info, synth, track
+from spheremcap.cli import config, evaluate, experiment, export, info, merge, sync, synth, track, tune
 from spheremcap.errors import SpheremcapError, UsageError
 
 app = typer.Typer(
@@ -29,15 +29,22 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _root(
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Print the version."
+    ),
 ) -> None:
     pass
 
 
 app.command("track")(track.track)
+app.command("merge")(merge.merge)
+app.command("sync")(sync.sync)
 app.command("info")(info.info)
 app.command("export")(export.export)
+app.command("evaluate")(evaluate.evaluate)
+app.command("experiment")(experiment.experiment)
 app.command("synth")(synth.synth)
+app.add_typer(tune.app, name="tune")
 app.add_typer(config.app, name="config")
 
 

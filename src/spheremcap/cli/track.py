@@ -1,36 +1,45 @@
 """spheremcap track: a video in, an annotated recording out."""
 
-import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
 
-from spheremcap import api
-from spheremcap.cli.progress import bar
+from spheremcap.cli.progress import Interrupt, bar
 from spheremcap.config import Settings, load_seeds, load_settings, parse_seed
+from spheremcap.core.marker import Seed
 from spheremcap.core.time import parse_time_ns
 from spheremcap.errors import UsageError
 
+_MCAP = "MCAP input"
+_NO_TIME = "is neither ISO 8601 such as 2025-06-01T10:00:00Z nor Unix seconds"
+
 
 def track(
-    source: Annotated[Path, typer.Argument(help="Session video: anything FFmpeg reads.")],
+    source: Annotated[
+        Path, typer.Argument(help="Session video: anything FFmpeg reads; or an MCAP with pictures.")
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="The MCAP to write.")],
     settings: Annotated[
-        Path | None, typer.Option("--settings", "-s", help="TOML with markers, camera and all else; see `config show`.")
+        Path | None,
+        typer.Option("--settings", "-s", help="TOML with markers, camera and all else; see `config show`."),
     ] = None,
-    seeds: Annotated[Path | None, typer.Option("--seeds", help="TOML with the seeds, [[seeds]] tables.")] = None,
+    seeds: Annotated[
+        Path | None, typer.Option("--seeds", help="TOML with the seeds, [[seeds]] tables.")
+    ] = None,
     seed: Annotated[
         list[str] | None, typer.Option("--seed", help="MARKER@FRAME=X,Y,R in pixels; as often as needed.")
     ] = None,
     camera: Annotated[
-        str | None, typer.Option("--camera", help="Preset name or ROS camera_info YAML; see `config presets`.")
+        str | None,
+        typer.Option("--camera", help="Preset name or ROS camera_info YAML; see `config presets`."),
     ] = None,
     start_time: Annotated[
-        str | None, typer.Option("--start-time", help="Time of the first picture: ISO 8601 (UTC) or Unix seconds.")
+        str | None,
+        typer.Option("--start-time", help="Time of the first picture: ISO 8601 (UTC) or Unix seconds."),
     ] = None,
     video: Annotated[
         Literal["auto", "passthrough", "h264", "jpeg", "none"] | None,
@@ -40,12 +49,54 @@ def track(
         Literal["none", "crops", "full"] | None,
         typer.Option("--debug-images", help="Pictures of why a frame was doubted. [default: crops]"),
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the output when it exists.")
+    ] = False,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--topic",
+            rich_help_panel=_MCAP,
+            help="Image topic; need not be named when there is one. Several are one camera each, "
+            "and the markers' names then begin with the camera's: front/left_wrist is on /front/image.",
+        ),
+    ] = None,
+    time: Annotated[
+        Literal["header", "log", "publish"] | None,
+        typer.Option(
+            "--time",
+            rich_help_panel=_MCAP,
+            help="Which time of the messages is the picture's. [default: header]",
+        ),
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--start",
+            rich_help_panel=_MCAP,
+            help="Track from here: seconds after the first picture, ISO 8601 or Unix seconds.",
+        ),
+    ] = None,
+    end: Annotated[
+        str | None, typer.Option("--end", rich_help_panel=_MCAP, help="Track up to here, in the same way.")
+    ] = None,
+    copy: Annotated[
+        Literal["all", "images", "none"] | None,
+        typer.Option(
+            "--copy",
+            rich_help_panel=_MCAP,
+            help="What of the input goes into the output, byte for byte. [default: all]",
+        ),
+    ] = None,
 ) -> None:
     """Track markers through a video and write every circle, pose and vote into an MCAP.
 
-    Without a settings file the seeds name the markers and each is taken for 4 cm across.
+    Without a settings file the seeds name the markers and each is taken for 4 cm across. An MCAP goes into the
+    output as it is, with our channels beside its pictures.
     """
+    from spheremcap import api  # brings FFmpeg and SciPy
+    from spheremcap.io.sources import FromMcap
+
     chosen = load_settings(settings) if settings is not None else Settings()
     if camera is not None:
         key = "file" if camera.endswith((".yaml", ".yml")) else "preset"
@@ -56,40 +107,34 @@ def track(
     changes = {key: value for key, value in told.items() if value is not None}
     chosen = chosen.model_copy(update={"output": chosen.output.model_copy(update=changes)})
     given = load_seeds(seeds) if seeds is not None else []
-    given += [parse_seed(text) for text in seed or []]
-    try:
-        start_ns = parse_time_ns(start_time) if start_time is not None else None
-    except ValueError:
-        raise UsageError(
-            f"--start-time {start_time!r} is neither ISO 8601 such as 2025-06-01T10:00:00Z nor Unix seconds"
-        ) from None
-
-    interrupted = False
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        nonlocal interrupted
-        interrupted = True
-
-    before = signal.signal(signal.SIGINT, interrupt)
-    try:
-        with bar(Console(stderr=True)) as shown:
-            task = shown.add_task("tracking", total=None)
-            report = api.track(
-                source, output, chosen, given,
-                folder=settings.parent if settings is not None else Path(),
-                overwrite=overwrite, start_time_ns=start_ns,
-                progress=lambda done, total: shown.update(task, completed=done, total=total),
-                stop=lambda: interrupted,
-            )  # fmt: skip
-    finally:
-        signal.signal(signal.SIGINT, before)
+    given += [_seed(text) for text in seed or []]
+    mcap = None
+    if any(flag is not None for flag in (topic, time, start, end, copy)):
+        mcap = FromMcap(
+            tuple(topic or ()), time or "header",
+            _time_ns("--start", start), _time_ns("--end", end), copy or "all",
+        )  # fmt: skip
+    with Interrupt() as interrupted, bar(Console(stderr=True)) as shown:
+        task = shown.add_task("tracking", total=None)
+        report = api.track(
+            source, output, chosen, given,
+            folder=settings.parent if settings is not None else Path(),
+            overwrite=overwrite, start_time_ns=_time_ns("--start-time", start_time),
+            mcap=mcap,
+            progress=lambda done, total: shown.update(task, completed=done, total=total),
+            stop=interrupted,
+        )  # fmt: skip
     for note in report.notes:
         print(f"spheremcap: {note}", file=sys.stderr)
     for name, counts in report.statuses.items():
-        parts = ", ".join(f"{count} {status.value.lower()}" for status, count in sorted(counts.items(), key=lambda i: -i[1]))
+        parts = ", ".join(
+            f"{count} {status.value.lower()}" for status, count in sorted(counts.items(), key=lambda i: -i[1])
+        )
         print(f"{name}: {parts}")
     if report.requests:
-        print(f"{report.requests} request{'s' * (report.requests != 1)} for a person: see `spheremcap info {output}`")
+        print(
+            f"{report.requests} request{'s' * (report.requests != 1)} for a person: see `spheremcap info {output}`"
+        )
     for line in report.lost:
         print(f"spheremcap: {line}", file=sys.stderr)
     if report.stopped:
@@ -99,3 +144,16 @@ def track(
     if not report.complete:
         raise typer.Exit(3)
 
+
+def _time_ns(flag: str, text: str | None) -> int | None:
+    try:
+        return None if text is None else parse_time_ns(text)
+    except ValueError:
+        raise UsageError(f"{flag} {text!r} {_NO_TIME}") from None
+
+
+def _seed(text: str) -> Seed:
+    """A seed whose marker may have its camera before it: `front/left_wrist@0=812,430,24`."""
+    camera, _, rest = text.strip().rpartition("/")
+    seed = parse_seed(rest)
+    return replace(seed, marker=f"{camera}/{seed.marker}") if camera else seed

@@ -1,6 +1,7 @@
 """Time is int nanoseconds; container stamps are converted as exact rationals, never through floats."""
 
-from datetime import UTC, datetime
+import re
+from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 
 NS_PER_S = 1_000_000_000
@@ -26,15 +27,16 @@ def parse_time_ns(text: str) -> int:
         return int(Fraction(text) * NS_PER_S)
     except (ValueError, ZeroDivisionError):
         pass
-    stamp = datetime.fromisoformat(text)
+    fraction = re.search(r"\.(\d{1,9})", text)
+    stamp = datetime.fromisoformat(text if fraction is None else text.replace(fraction[0], "", 1))
     if stamp.tzinfo is None:
         stamp = stamp.replace(tzinfo=UTC)
     delta = stamp - datetime(1970, 1, 1, tzinfo=UTC)
-    return (delta.days * 86_400 + delta.seconds) * NS_PER_S + delta.microseconds * 1000
+    return (delta.days * 86_400 + delta.seconds) * NS_PER_S + (int(fraction[1].ljust(9, "0")) if fraction else 0)
 
 
 def format_time(stamp_ns: int) -> str:
     """ISO 8601 in UTC with all nine decimals, for people; exact for every stamp from year 1 on."""
     seconds, nanos = divmod(stamp_ns, NS_PER_S)
-    whole = datetime.fromtimestamp(seconds, tz=UTC).strftime("%Y-%m-%dT%H:%M:%S")
+    whole = (datetime(1970, 1, 1) + timedelta(seconds=seconds)).isoformat()
     return f"{whole}.{nanos:09d}Z"

@@ -62,7 +62,7 @@ class ColourBox:
                 ranges = [(low, HUES - 1), (0, high - HUES)]
         out = None
         for low, high in ranges:
-            part = cv2.inRange(hsv, (np.floor(low), s0, v0), (np.ceil(high), s1, v1))
+            part = cv2.inRange(hsv, (float(np.floor(low)), s0, v0), (float(np.ceil(high)), s1, v1))
             out = part if out is None else cv2.bitwise_or(out, part)
         return out  # type: ignore[return-value]
 

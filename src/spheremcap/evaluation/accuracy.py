@@ -86,6 +86,9 @@ def accuracy(lab: Lab) -> Result:
         axes[0].set_xlabel("100 - accuracy, %")
         axes[1].barh(places, [one.centre_median_px or np.nan for one in rows.values()], color="tab:orange")
         axes[1].set_xlabel("centre error, median, px")
+        for ax in axes:
+            ax.set_xscale("log")
+            ax.grid(axis="x", alpha=0.3)
 
     return Result(
         "accuracy",

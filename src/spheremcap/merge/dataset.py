@@ -9,9 +9,10 @@ from pathlib import Path
 
 from spheremcap.errors import UsageError
 from spheremcap.io import recording
+from spheremcap.io.join import McapStream, Merged, Stream, merge_streams
 from spheremcap.io.mcap_records import McapRecords
+from spheremcap.io.sources import is_recording
 from spheremcap.merge.clock import Clock
-from spheremcap.merge.join import McapStream, Merged, Stream, merge_streams
 from spheremcap.merge.samples import SensorStream
 from spheremcap.merge.sensors import SensorLog, TableMapping, read_sensors
 from spheremcap.merge.sync import Sync, SyncConfig, residual_log, sync_marker
@@ -152,16 +153,6 @@ def sync_recording(
         track.stamp_ns, xyz, samples.own_stamp_ns, samples.values, guess_ns=guess_ns, config=config
     )
     return replace(sync, guess_ns=guess_ns)
-
-
-def is_recording(path: Path) -> bool:
-    """Whether an input is taken as MCAP: by its name or its first bytes."""
-    if path.suffix.lower() == ".mcap":
-        return True
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(5) == b"\x89MCAP"
 
 
 def first_log_time(records: McapRecords) -> int | None:

@@ -112,9 +112,10 @@ def sphere_of_circle(circle: Circle, radius_m: float, camera: Camera) -> FloatAr
 
 
 def thesis_position(circle: Circle, size_m: float, constant_px: float, camera: Camera) -> FloatArray:
-    """Eq 3.12: the distance d = constant * l_o / r along the ray through the circle's centre."""
-    ray: FloatArray = camera.rays(np.array([[circle.x_px, circle.y_px]]))[0]
-    return ray * (constant_px * size_m / circle.r_px)
+    """Eq 3.12: d = constant * l_o / r is a depth (similar triangles, eq 3.10), on the ray through the circle's centre."""
+    x, y = camera.normalise(np.array([[circle.x_px, circle.y_px]]))[0]
+    depth_m = constant_px * size_m / circle.r_px
+    return np.array([x * depth_m, y * depth_m, depth_m])
 
 
 def fit_cone(rays: FloatArray, weights: FloatArray, radius_m: float) -> FloatArray:
@@ -138,6 +139,7 @@ def fit_sphere(
     loose: float = 3.0,
     rounds: int = 5,
     imperfection: float = 0.03,
+    hold: float | None = None,
 ) -> SphereFit | None:
     """The sphere whose tangent cone runs through the edge rays (N, 3), robustly; None when it does not converge.
 
@@ -146,22 +148,31 @@ def fit_sphere(
     lose their say. A marker that is no perfect sphere, or blur not modelled, leaves residuals beyond the stated
     deviations: these are widened by the median residual, up to `imperfection` of the marker's angular radius. The
     covariance is that of the weighted fit, widened once more when its residuals are larger than stated.
+
+    `hold` keeps the distance near that of `start_m`, with this relative deviation, while the weights settle: the straight
+    edge of an occluder then loses its say instead of shrinking the circle. The last rounds are free of it.
     """
-    centre = start_m.astype(np.float64).copy()
+    centre = _best_start(rays, sd_rad, radius_m, start_m, hold)
     weights = np.ones(len(rays))
     scales = [*np.geomspace(max(loose, 3.0), 3.0, rounds - 2), 3.0, 3.0]
     information, sd = np.zeros((3, 3)), sd_rad
-    for scale in scales:
+    held_m = math.sqrt(float(start_m @ start_m))
+    for number, scale in enumerate(scales):
         residual, jacobian = _cone_residual(rays, centre, radius_m)
         length = math.sqrt(float(centre @ centre))
         usual = float(np.partition(np.abs(residual), len(residual) // 2)[len(residual) // 2])
-        sd = np.hypot(sd_rad, min(1.48 * usual, imperfection * radius_m / length))
+        sd = np.maximum(sd_rad, min(1.48 * usual, imperfection * radius_m / length))
         residual, jacobian = residual / sd, jacobian / sd[:, None]
         weights = 1.0 / (1.0 + (residual / scale) ** 2) ** 2
         weighted = jacobian * weights[:, None]
         information = weighted.T @ jacobian
+        gradient = weighted.T @ residual
+        if hold is not None and number < rounds - 2:
+            axis, deviation_m = centre / length, hold * held_m
+            information = information + np.outer(axis, axis) / deviation_m**2
+            gradient = gradient + axis * ((length - held_m) / deviation_m**2)
         try:
-            step = np.linalg.solve(information, weighted.T @ residual)
+            step = np.linalg.solve(information, gradient)
         except np.linalg.LinAlgError:
             return None
         step *= min(1.0, 0.3 * length / max(1e-12, math.sqrt(float(step @ step))))
@@ -175,6 +186,45 @@ def fit_sphere(
     spread = float((weights * residual**2).sum()) / max(1.0, effective - 3)
     covariance = np.linalg.inv(information) * max(1.0, spread)
     return SphereFit(centre, covariance.astype(np.float64), weights, residual)
+
+
+_TRIPLES = np.random.default_rng(0).random((48, 3))
+
+
+def _best_start(
+    rays: FloatArray, sd_rad: FloatArray, radius_m: float, start_m: FloatArray, hold: float | None
+) -> FloatArray:
+    """The cone through three rays that most rays agree with, or the start (3,) when none beats it.
+
+    Random sample consensus (Torr and Zisserman 2000) over 48 fixed triples, a third of the outline apart on average;
+    a cone whose distance is far from the start's counts for less when that is to be held.
+    """
+    count = len(rays)
+    first = (_TRIPLES[:, 0] * count).astype(np.intp)
+    gaps = 0.2 + 0.25 * _TRIPLES[:, 1:]
+    second = (first + (gaps[:, 0] * count).astype(np.intp)) % count
+    third = (second + (gaps[:, 1] * count).astype(np.intp)) % count
+    corners = rays[np.stack([first, second, third], axis=1)]  # (48, 3, 3)
+    if count < 9 or np.abs(np.linalg.det(corners)).min() < 1e-15:
+        return start_m.astype(np.float64)
+    normals = np.linalg.solve(corners, np.ones((len(corners), 3, 1)))[..., 0]
+    own = start_m / math.sqrt(float(start_m @ start_m) - radius_m**2) / math.sqrt(float(start_m @ start_m))
+    normals = np.concatenate([(own * math.sqrt(float(start_m @ start_m)))[None], normals])
+    lengths = np.sqrt((normals * normals).sum(axis=1))
+    valid = lengths > 1 + 1e-9
+    # n . q = cos(angle to axis) / cos(alpha): its excess over 1 is the angle times tan(alpha).
+    cos_a = 1 / np.maximum(lengths, 1 + 1e-9)
+    sin_a = np.sqrt(1 - cos_a * cos_a)
+    off = (normals @ rays.T - 1) * (cos_a / sin_a)[:, None] / (4 * np.maximum(sd_rad, np.median(sd_rad)))
+    agreed = (1 / (1 + off * off)).sum(axis=1)
+    distance = radius_m / sin_a
+    if hold is not None:
+        far = np.log(distance / math.sqrt(float(start_m @ start_m))) / (6 * hold)
+        agreed = agreed / (1 + far * far)
+    best = int(np.where(valid, agreed, 0).argmax())
+    if best == 0:
+        return start_m.astype(np.float64)
+    return normals[best] / lengths[best] * distance[best]
 
 
 def _cone_residual(rays: FloatArray, centre: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray]:

@@ -41,7 +41,7 @@ def hog(image: npt.NDArray[np.uint8], cell_px: int) -> npt.NDArray[np.float32]:
         dx, dy, magnitude = dx_all[..., 0], dy_all[..., 0], np.sqrt(power[..., 0])
     bins = 2 * _ORIENTATIONS
     angle = cv2.phase(dx, dy) * np.float32(bins / (2 * np.pi))
-    orientation = np.rint(angle).astype(np.int64) % bins
+    orientation = (angle + 0.5).astype(np.int64) % bins
 
     layers = np.zeros((bins, *magnitude.shape), np.float32)
     flat = layers.reshape(bins, -1)

@@ -112,6 +112,8 @@ class Kcf:
         # with this k a patch that moved by +d peaks at +d.
         response = fft.irfft2(kernel_f * self._alpha_f, s=(n, n))
         row, column = np.unravel_index(int(response.argmax()), response.shape)
+        peak = float(response[row, column])
+        response = np.log(np.maximum(response, 1e-6))  # the target is a Gaussian: its logarithm is a parabola
         dy = _signed(int(row), n) + _parabola(
             response[(row - 1) % n, column], response[row, column], response[(row + 1) % n, column]
         )
@@ -119,7 +121,7 @@ class Kcf:
             response[row, (column - 1) % n], response[row, column], response[row, (column + 1) % n]
         )
         px_per_cell = 2 * self.half_side_px(at.r_px) / n
-        return KcfResponse(at.shifted(dx * px_per_cell, dy * px_per_cell), float(response[row, column]))
+        return KcfResponse(at.shifted(dx * px_per_cell, dy * px_per_cell), peak)
 
     def _features(self, patch: Patch, circle: Circle) -> tuple[Complex, float]:
         """Spectrum (31, n, n//2+1) of the windowed features around the circle, and their power sum x^2."""

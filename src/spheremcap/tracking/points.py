@@ -24,10 +24,9 @@ class PointsConfig(StageConfig):
     min_points: int = Field(6, ge=3, description="fewer surviving points give no scale; ours")
 
 
-_ANGLES = np.arange(16) * (2 * np.pi / 16)
-_SPOKES = np.concatenate(
-    [share * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1) for share in (0.5, 0.97)]
-)  # on the marker and on its outline, in radii
+_ANGLES = np.arange(24) * (2 * np.pi / 24)
+_SPOKES = 0.97 * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+"""Points just inside the outline, in radii: a smooth ball has no features further in, where flow is drawn along."""
 _SIDE, _REACH = 64, 1.7  # the square both pictures are brought to: pixels, and half its side in marker radii
 
 

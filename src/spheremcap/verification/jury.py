@@ -15,8 +15,8 @@ class JuryConfig(StageConfig):
 
     th1: float = Field(4.0, ge=0, le=6, description="a sum of votes above this verifies the claim")
     th2: float = Field(3.0, ge=0, le=6, description="a sum below this rejects it; between: doubtful")
-    seed_colour: float = Field(0.45, ge=0, le=1, description="least share of the claim in the seed's own colours")
-    seed_around: float = Field(0.5, ge=0, le=1, description="most that colour may surround the claim, over the seed's")
+    seed_colour: float = Field(0.6, ge=0, le=1, description="least share in the seed's colours, over share of outline seen")
+    seed_around: float = Field(0.35, ge=0, le=1, description="most that colour may surround the claim, over the seed's")
     visible: float = Field(0.3, ge=0, le=1, description="least share of the outline that shows an edge")
 
 

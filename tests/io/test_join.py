@@ -20,10 +20,10 @@ from spheremcap.core.estimate import FrameResult, MarkerEstimate, Status
 from spheremcap.core.frame import EncodedPicture
 from spheremcap.core.marker import MarkerSpec
 from spheremcap.errors import UsageError
+from spheremcap.io.join import Join, McapStream, Merged, merge_streams, open_output
 from spheremcap.io.mcap_log import McapLog, RunInfo
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.merge.clock import Clock, parse_drift
-from spheremcap.merge.join import Join, McapStream, Merged, merge_streams, open_output
 
 Row = tuple[str, int, int, int, bytes]
 
@@ -201,7 +201,7 @@ def test_our_messages_are_interleaved_with_a_copy(tmp_path: Path) -> None:
         metadata={"about": {"a": "b"}},
         chunk_size=10_000,
     )
-    with McapRecords(source) as records, open_output(tmp_path / "out.mcap", [records]) as writer:
+    with McapRecords(source) as records, open_output(tmp_path / "out.mcap", [records.path]) as writer:
         join = Join(writer, [McapStream(records)])
         log = McapLog(writer, camera=CAMERA, markers=MARKERS, run=RunInfo(input_name="in.mcap"))
         for k in range(20):
@@ -248,7 +248,7 @@ def test_two_recordings_of_ours_and_a_third_keep_every_count(tmp_path: Path) -> 
 MEASURE = """
 import resource, sys
 from spheremcap.io.mcap_records import McapRecords
-from spheremcap.merge.join import McapStream, merge_streams
+from spheremcap.io.join import McapStream, merge_streams
 base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 merge_streams([McapStream(McapRecords(p)) for p in sys.argv[2:]], sys.argv[1])
 print(base // 1024, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)

@@ -9,31 +9,38 @@ import heapq
 import os
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import IO, NamedTuple, Protocol
 
 from mcap.writer import CompressionType, Writer
 
 from spheremcap.errors import OutputError, UsageError
+from spheremcap.io.mcap_log import (
+    _COMPRESSION,
+    CHUNK_BYTES,
+    LIBRARY,
+    Compression,
+    _PartFile,
+    output_error,
+    part_of,
+)
 from spheremcap.io.mcap_records import McapRecords
-from spheremcap.merge.clock import Clock
 
-LIBRARY = f"spheremcap/{version('spheremcap')} mcap-python/{version('mcap')}"
-CHUNK_BYTES = 1 << 20
 CLOCK_METADATA = "spheremcap/clock/"
 
 
 class SharedWriter(Writer):
     """An mcap Writer for several sources: the same schema, channel or metadata record is stored once.
 
-    It can be handed to McapLog, whose messages then share schemas with those that are copied.
+    It can be handed to McapLog, whose messages then share schemas with those that are copied. Set `complete`
+    to False, and the file stays OUT.part, finished and readable.
     """
 
     def __init__(self, output: IO[bytes], compression: CompressionType = CompressionType.ZSTD) -> None:
         super().__init__(output, CHUNK_BYTES, compression)
+        self.complete = True
         self.topics: dict[int, str] = {}
         self.counts: Counter[str] = Counter()
         self.renamed: dict[str, str] = {}
@@ -83,6 +90,25 @@ class SharedWriter(Writer):
         super().add_metadata(f"{name}#{number}", data)
 
 
+class _OutFile(_PartFile):
+    """OUT.part, whose errors say that it is the output that could not be written."""
+
+    def write(self, data: bytes) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            raise output_error(error, self.path) from error
+
+
+class StampMap(Protocol):
+    """How an input's stamps become those of the common time line; merge.clock.Clock is one."""
+
+    def __call__(self, stamp_ns: int) -> int: ...
+
+    def lines(self) -> dict[str, str]:
+        """What a metadata record says of it."""
+
+
 class OutMessage(NamedTuple):
     """A message on its way out: a channel id of the SharedWriter, times in ns, encoded data."""
 
@@ -116,7 +142,7 @@ class McapStream:
         self,
         records: McapRecords,
         *,
-        clock: Clock | None = None,
+        clock: StampMap | None = None,
         prefix: str = "",
         topics: Collection[str] | None = None,
         extras: bool = True,
@@ -217,7 +243,7 @@ def merge_streams(
     output: str | os.PathLike[str],
     *,
     overwrite: bool = False,
-    compression: CompressionType = CompressionType.ZSTD,
+    compression: Compression = "zstd",
 ) -> Merged:
     """Join the streams into a new file. Inputs that are damaged give what can be read; `lost` says what is
     missing.
@@ -225,7 +251,15 @@ def merge_streams(
     Raises UsageError when the output exists, OutputError when it cannot be written.
     """
     inputs = [s.records for s in streams if isinstance(s, McapStream)]
-    with open_output(output, inputs, overwrite=overwrite, compression=compression) as writer:
+    profiles = {records.profile for records in inputs}
+    alike = len(profiles) == 1 and len(inputs) == len(streams)
+    with open_output(
+        output,
+        [records.path for records in inputs],
+        overwrite=overwrite,
+        compression=compression,
+        profile=profiles.pop() if alike else "",
+    ) as writer:
         Join(writer, streams).rest()
     lost = tuple(f"{records.path}: {loss}" for records in inputs for loss in records.lost)
     return Merged(dict(writer.counts), writer.renamed, lost)
@@ -234,35 +268,56 @@ def merge_streams(
 @contextmanager
 def open_output(
     path: str | os.PathLike[str],
-    inputs: Sequence[McapRecords] = (),
+    inputs: Sequence[Path] = (),
     *,
     overwrite: bool = False,
-    compression: CompressionType = CompressionType.ZSTD,
+    compression: Compression = "zstd",
+    profile: str = "",
 ) -> Iterator[SharedWriter]:
-    """A started SharedWriter on OUT.part, finished on every way out and renamed to OUT when nothing went
+    """A started SharedWriter on OUT.part, finished on every way out, and renamed to OUT when nothing went
     wrong.
 
-    The header's profile is that of the inputs where they agree on one.
+    `profile` is MCAP's: "ros2" says that every channel is ROS 2's. Raises UsageError when the output is an
+    input, or exists and `overwrite` is False; OutputError when it cannot be written.
     """
     path = Path(path)
-    for records in inputs:
-        if path.exists() and records.path.exists() and path.samefile(records.path):
-            raise UsageError(f"{path} is an input: name another output")
-    if path.exists() and not overwrite:
-        raise UsageError(f"{path} exists: name another output or give --overwrite")
-    part = path.with_name(path.name + ".part")
-    profiles = {records.profile for records in inputs}
+    part = checked_output(path, inputs, overwrite=overwrite)
     try:
-        with part.open("wb") as file:
-            writer = SharedWriter(file, compression)
-            writer.start(profiles.pop() if len(profiles) == 1 else "", LIBRARY)
-            try:
-                yield writer
-            finally:
-                writer.finish()  # type: ignore[no-untyped-call]
-        part.replace(path)
+        file = _OutFile(part)
     except OSError as error:
-        raise OutputError(f"{error.filename or part}: cannot be written: {error.strerror}") from error
+        raise output_error(error, path) from error
+    writer = SharedWriter(file, _COMPRESSION[compression])  # type: ignore[arg-type]
+    try:
+        writer.start(profile, LIBRARY)
+        yield writer
+        writer.finish()  # type: ignore[no-untyped-call]
+    except BaseException:
+        with suppress(OutputError):
+            _end(writer, file)
+        raise
+    finally:
+        file.close()
+    if writer.complete:
+        try:
+            part.replace(path)
+        except OSError as error:
+            raise output_error(error, path) from error
+
+
+def _end(writer: Writer, file: _OutFile) -> None:
+    """Make the file readable after something went wrong; without an index when the disk takes no more."""
+    try:
+        writer.finish()  # type: ignore[no-untyped-call]
+    except OutputError:
+        file.seal()
+
+
+def checked_output(path: Path, inputs: Sequence[Path] = (), *, overwrite: bool = False) -> Path:
+    """OUT.part for OUT. Raises UsageError when OUT is an input, or exists and `overwrite` is False."""
+    for given in inputs:
+        if path.exists() and given.exists() and path.samefile(given):
+            raise UsageError(f"{path} is an input: name another output")
+    return part_of(path, overwrite)
 
 
 def in_range(stamp_ns: int, name: str) -> int:

@@ -1,0 +1,157 @@
+"""spheremcap merge: recordings and sensor files into one dataset, on one time line."""
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+from rich.console import Console
+
+from spheremcap.errors import UsageError
+
+T = TypeVar("T")
+
+
+def merge(
+    inputs: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="INPUT...",
+            help="MCAPs, sensor files (CSV, Parquet, C3D, GoPro MP4, ...) and folders of them; NAME=PATH names one.",
+        ),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The MCAP to write.")],
+    offset: Annotated[
+        list[str] | None,
+        typer.Option("--offset", metavar="NAME=TIME", help="What to add to an input's times: imu=+12.5ms"),
+    ] = None,
+    drift: Annotated[
+        list[str] | None,
+        typer.Option("--drift", metavar="NAME=RATE", help="How much too slow its clock runs: imu=-20ppm"),
+    ] = None,
+    sync: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--sync",
+            metavar="NAME=MARKER",
+            help="Find a sensor's offset and drift from a marker's motion: imu=left_wrist",
+        ),
+    ] = None,
+    mapping: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--mapping",
+            metavar="[NAME=]TOML",
+            help="How to read a table of unknown layout: its columns and units.",
+        ),
+    ] = None,
+    rate: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--rate",
+            metavar="[NAME=]HZ",
+            help="Samples a second of files that do not say (SMARTwheel: 240 or 200).",
+        ),
+    ] = None,
+    prefix: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--prefix", metavar="NAME=TOPIC", help="Put an MCAP's topics under another: second=/right"
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the output when it exists.")
+    ] = False,
+) -> None:
+    """Merge recordings and sensor files by log time; the inputs stay as they are, and nothing is lost.
+
+    An input is called NAME as its file is without the ending, `wheel` for wheel.csv and `imu` for imu/. Messages of
+    MCAPs go over byte for byte; sensors become topics /sensors/NAME in SI units. How times were mapped is written as
+    metadata, and each message's publish time stays its own.
+
+        spheremcap merge session.mcap wheel.csv imu/ -o dataset.mcap --offset wheel=+12.5ms --sync imu=left_wrist
+    """
+    from spheremcap.merge.clock import parse_drift, parse_offset
+    from spheremcap.merge.dataset import Source, merge
+    from spheremcap.merge.sensors import load_mapping
+
+    given = [_input(text) for text in inputs]
+    names = [name or path.stem for name, path in given]
+    for name in names:
+        if names.count(name) > 1 and any(
+            text.startswith(f"{name}=") for text in [*(offset or []), *(drift or []), *(sync or [])]
+        ):
+            raise UsageError(f"two inputs are called {name!r}: call one otherwise, as in other=PATH")
+    offsets = _by_name("--offset", offset, names, parse_offset)
+    drifts = _by_name("--drift", drift, names, parse_drift)
+    markers = _by_name("--sync", sync, names, str)
+    mappings = _by_name("--mapping", mapping, names, load_mapping, for_all=True)
+    rates = _by_name("--rate", rate, names, _rate, for_all=True)
+    prefixes = _by_name("--prefix", prefix, names, lambda text: "/" + text.strip("/"))
+    sources = []
+    for own, (name, path) in zip(names, given, strict=True):
+        sources.append(
+            Source(
+                path, name, offsets.get(own, 0), drifts.get(own) or parse_drift("0ppm"), prefixes.get(own, ""),
+                mappings.get(own), rates.get(own), markers.get(own),
+            )
+        )  # fmt: skip
+    console = Console(stderr=True)
+    with console.status("merging") if console.is_terminal else console:
+        dataset = merge(sources, output, overwrite=overwrite)
+    for note in dataset.notes:
+        print(f"spheremcap: {note}", file=sys.stderr)
+    for new, old in dataset.merged.renamed.items():
+        print(
+            f"spheremcap: metadata record {old!r} is there with other content: kept as {new!r}",
+            file=sys.stderr,
+        )
+    for line in dataset.merged.lost:
+        print(f"spheremcap: {line}", file=sys.stderr)
+    counts = dataset.merged.counts
+    print(f"{sum(counts.values())} messages on {len(counts)} topics -> {output}")
+    if dataset.merged.lost:
+        raise typer.Exit(3)
+
+
+def _input(text: str) -> tuple[str, Path]:
+    """(name, path) of `NAME=PATH`, or ("", path)."""
+    name, equals, path = text.partition("=")
+    named = bool(equals and name and path) and "/" not in name and not Path(text).exists()
+    chosen = Path(path if named else text)
+    if not chosen.exists():
+        raise UsageError(f"{chosen}: no such file or folder")
+    return (name if named else ""), chosen
+
+
+def _by_name(
+    flag: str,
+    texts: Sequence[str] | None,
+    names: Sequence[str],
+    parse: Callable[[str], T],
+    *,
+    for_all: bool = False,
+) -> dict[str, T]:
+    """The values of a repeated NAME=VALUE flag; one without NAME is for all inputs where that makes sense."""
+    values: dict[str, T] = {}
+    for text in texts or []:
+        name, equals, value = text.partition("=")
+        if not equals and for_all:
+            values = dict.fromkeys(names, parse(text)) | values
+        elif name not in names or not value:
+            raise UsageError(
+                f"{flag} {text}: expected NAME=VALUE with the name of an input: {', '.join(names)}"
+            )
+        else:
+            values[name] = parse(value)
+    return values
+
+
+def _rate(text: str) -> float:
+    try:
+        if (rate := float(text.removesuffix("Hz"))) > 0:
+            return rate
+    except ValueError:
+        pass
+    raise UsageError(f"--rate {text}: expected samples a second, as in --rate wheel=240")

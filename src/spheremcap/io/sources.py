@@ -1,0 +1,272 @@
+"""What is tracked: a video file, or image topics of a recording together with what is copied of it."""
+
+import itertools
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from spheremcap.core.camera import Camera
+from spheremcap.errors import SourceError, UsageError
+from spheremcap.io.join import McapStream
+from spheremcap.io.mcap_images import McapImageSource, TimeBase, _decoder, image_topics
+from spheremcap.io.mcap_records import MAGIC, McapRecords
+from spheremcap.io.topics import LOG, MARKERS, OVERVIEW, REQUESTS, SCENE, TRANSFORMS, Topics
+from spheremcap.io.video import VideoSource
+
+Copy = Literal["all", "images", "none"]
+LARGEST_RELATIVE_NS = 10**17
+FAR_APART_NS = 10_000_000_000
+"""Header stamps this far from the log times are on another clock."""
+
+
+@dataclass(frozen=True)
+class FromMcap:
+    """Which pictures of a recording are tracked, by which of its times, and what the output takes over.
+
+    `topics` are the image topics, one camera each; none takes the only one there is. `start_ns` and `end_ns`
+    are in that time; below 10^17 (1973) they count from the first picture. `copy` says what of the input
+    comes into the output, byte for byte: everything, the tracked pictures with their calibration, or nothing.
+    """
+
+    topics: tuple[str, ...] = ()
+    time: TimeBase = "header"
+    start_ns: int | None = None
+    end_ns: int | None = None
+    copy: Copy = "all"
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """One camera of the input. `name` goes before its markers' topics when there are several cameras.
+
+    `taken` are the topics that come into the output from the input; `calibration` is the camera found beside
+    the pictures, `frame_id` the coordinate frame it names. `codec` says what the pictures are, and
+    `passthrough_reason` why they cannot be handed on as they are (None: they can).
+    """
+
+    source: VideoSource | McapImageSource
+    name: str = ""
+    taken: frozenset[str] = frozenset()
+    calibration: Camera | None = None
+    frame_id: str = ""
+    codec: str = ""
+    passthrough_reason: str | None = None
+
+    @property
+    def topic(self) -> str:
+        """The image topic; "" for a video file."""
+        return self.source.topic if isinstance(self.source, McapImageSource) else ""
+
+    @property
+    def time_source(self) -> str:
+        """Where the stamps come from."""
+        if isinstance(self.source, McapImageSource):
+            return f"{self.source.time} times of {self.topic}"
+        return self.source.start_time_source
+
+    @property
+    def copied(self) -> bool:
+        """Whether the output has the pictures anyway."""
+        return self.topic in self.taken
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the output has the calibration anyway."""
+        return isinstance(self.source, McapImageSource) and self.source.calibration_topic in self.taken
+
+    def topics(self, *, pictures: bool, calibration: bool) -> Topics:
+        """Names for our channels that the input has not taken; beside the input's pictures where those are
+        copied, so that viewers pair them.
+
+        `pictures` and `calibration` say whether we write those ourselves.
+        """
+        if not self.copied:
+            return Topics(self.name, self.name) if self.name else Topics()
+        camera = ["annotations"] + ["video", "image"] * pictures + ["calibration"] * calibration
+        root = [LOG, SCENE, REQUESTS, OVERVIEW, MARKERS] + [TRANSFORMS] * calibration
+        frame = "" if calibration else self.frame_id
+        return _TopicsBeside(
+            _free(self.name or _prefix(self.topic), camera, self.taken),
+            _free(self.name, root, self.taken),
+            frame,
+        )
+
+
+@dataclass(frozen=True)
+class _TopicsBeside(Topics):
+    """Topics whose poses are in a coordinate frame of the input's."""
+
+    frame_id: str = ""
+
+    @property
+    def optical_frame(self) -> str:
+        return self.frame_id or f"{self.camera_frame}_optical"
+
+
+@dataclass(frozen=True)
+class Input:
+    """What is read: the cameras, and of a recording what is copied; notes for the user."""
+
+    path: Path
+    views: tuple[CameraView, ...]
+    records: McapRecords | None = None
+    streams: tuple[McapStream, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def lost(self) -> list[str]:
+        """What could not be read, one line each, once the pictures have been; each names the file."""
+        lines = [
+            line for view in self.views for line in (view.source.lost.lines() if view.source.lost else ())
+        ]
+        if self.records is not None and self.streams:
+            lines += map(str, self.records.lost)
+        named = (line if line.startswith(str(self.path)) else f"{self.path}: {line}" for line in lines)
+        return list(dict.fromkeys(named))
+
+
+def is_recording(path: Path) -> bool:
+    """Whether an input is taken as MCAP: by its name or its first bytes."""
+    if path.suffix.lower() == ".mcap":
+        return True
+    if not path.is_file():
+        return False
+    try:
+        with path.open("rb") as file:
+            return file.read(5) == MAGIC[:5]
+    except OSError as error:
+        raise SourceError(f"{path}: cannot be opened: {error.strerror}") from error
+
+
+@contextmanager
+def open_input(
+    path: Path, choice: FromMcap | None = None, *, start_time_ns: int | None = None, packets: bool = True
+) -> Iterator[Input]:
+    """Open a video file, or the chosen pictures of a recording; closed on the way out.
+
+    `start_time_ns` and `packets` are VideoSource's. Raises SourceError for what cannot be read, UsageError
+    where something has to be said, or was said of the wrong kind of input.
+    """
+    with ExitStack() as stack:
+        if is_recording(path):
+            if start_time_ns is not None:
+                raise UsageError(
+                    f"{path}: a recording has its own times: choose with --time, not --start-time"
+                )
+            yield _open_recording(path, choice or FromMcap(), stack)
+        else:
+            if choice is not None:
+                raise UsageError(f"{path}: --topic, --time, --start, --end and --copy are for MCAP input")
+            source = VideoSource(path, start_time_ns=start_time_ns, packets=packets)
+            stack.enter_context(source)
+            reason = source.passthrough_reason
+            yield Input(path, (CameraView(source, codec=source.codec, passthrough_reason=reason),))
+
+
+def _open_recording(path: Path, choice: FromMcap, stack: ExitStack) -> Input:
+    for topic in choice.topics:
+        if choice.topics.count(topic) > 1:
+            raise UsageError(f"--topic {topic} is there twice")
+    records = stack.enter_context(McapRecords(path))
+    sources = _open_topics(path, choice, stack, records)
+    tracked = [source.topic for source in sources]
+    beside = [s.calibration_topic for s in sources if s.calibration_topic is not None]
+    taken: list[str] = []
+    streams: tuple[McapStream, ...] = ()
+    if choice.copy == "all":
+        taken = [channel.topic for channel in records.channels.values()]
+        streams = (McapStream(records),)
+    elif choice.copy == "images":
+        taken = [*tracked, *beside]
+        streams = (McapStream(records, topics=set(taken), extras=False),)
+    views = tuple(
+        CameraView(
+            source,
+            _name(source.topic, tracked) if len(tracked) > 1 else "",
+            frozenset(taken),
+            source.calibration,
+            _frame_id(records, source.calibration_topic),
+            *_passthrough(source),
+        )
+        for source in sources
+    )
+    return Input(path, views, records, streams, tuple(_far_apart(records, choice, sources)))
+
+
+def _open_topics(
+    path: Path, choice: FromMcap, stack: ExitStack, records: McapRecords
+) -> list[McapImageSource]:
+    if not choice.topics and len(found := image_topics(records)) > 1:
+        listed = ", ".join(map(str, found))
+        raise UsageError(f"{path} has several image topics, name one (or more) with --topic: {listed}")
+    wanted = choice.topics or (None,)
+    given = {"start_ns": choice.start_ns, "end_ns": choice.end_ns}
+    if any(ns is not None and ns < LARGEST_RELATIVE_NS for ns in given.values()):
+        first_ns = min(_first_stamp_ns(path, topic, choice.time) for topic in wanted)
+        given = {
+            k: first_ns + ns if ns is not None and ns < LARGEST_RELATIVE_NS else ns for k, ns in given.items()
+        }
+    return [stack.enter_context(McapImageSource(path, topic, time=choice.time, **given)) for topic in wanted]
+
+
+def _first_stamp_ns(path: Path, topic: str | None, time: TimeBase) -> int:
+    with McapImageSource(path, topic, time=time) as source:
+        return source.first_stamp_ns
+
+
+def _far_apart(records: McapRecords, choice: FromMcap, sources: Sequence[McapImageSource]) -> Iterator[str]:
+    """A note where the header stamps are on another clock than the recording."""
+    if choice.time == "header" and choice.start_ns is None:
+        for source in sources:
+            first = next(records.messages({source.topic}), None)
+            apart_ns = 0 if first is None else source.first_stamp_ns - first.log_time
+            if abs(apart_ns) > FAR_APART_NS:
+                yield (
+                    f"{source.topic}: the header stamps are {abs(apart_ns) / 1e9:.0f} s "
+                    f"{'after' if apart_ns > 0 else 'before'} the log times, and so will be our channels: "
+                    "use --time log where that is not wanted"
+                )
+
+
+def _passthrough(source: McapImageSource) -> tuple[str, str | None]:
+    """What the pictures are, and why they cannot be handed on (None: they can), by the first of them."""
+    first = next(source.frames()).encoded
+    if first is None:
+        return "", "the pictures are not JPEG, nor H.264 or H.265 without B-frames"
+    return first.format, None if first.key else "the first picture asked for is not a key frame"
+
+
+def _prefix(topic: str) -> str:
+    """What picture, calibration and annotations share, by which viewers pair them."""
+    return topic.rpartition("/")[0] or topic
+
+
+def _name(topic: str, among: Sequence[str]) -> str:
+    """What a camera is called: the prefix of its image topic, or the topic where two share that."""
+    prefix = _prefix(topic)
+    return prefix if sum(_prefix(other) == prefix for other in among) == 1 else topic
+
+
+def _free(place: str, leaves: Sequence[str], taken: Collection[str]) -> str:
+    """The place, or the next one below it, where none of the leaves is a topic already."""
+    for number in itertools.count():
+        tried = place if number == 0 else f"{place}/tracked{number if number > 1 else ''}"
+        ours = [f"{tried}/{leaf}" for leaf in leaves]
+        if not any(topic == mine or topic.startswith(f"{mine}/") for topic in taken for mine in ours):
+            return tried
+    raise AssertionError
+
+
+def _frame_id(records: McapRecords, topic: str | None) -> str:
+    """The coordinate frame that a calibration topic names; "" when it names none."""
+    if topic is None:
+        return ""
+    message = next(records.messages({topic}), None)
+    if message is None:
+        return ""
+    schema = records.schemas[message.channel.schema_id]
+    try:
+        return str(_decoder(schema, message.channel)(message.data).get("frame_id") or "")
+    except Exception:  # whatever it is, McapImageSource has taken its camera from a later one
+        return ""

@@ -1,0 +1,286 @@
+"""spheremcap track as a user runs it: what comes out, and every kind of bad input."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import av
+import pytest
+from clips import COUNT, LATER_NS, START_NS, STEP_NS, decoded, rows, seed, write_clip, write_recording
+
+import spheremcap
+from spheremcap.core.estimate import Status
+
+SEEDS = ("--seed", seed("orange"), "--seed", seed("blue", 1))
+ONE = ("--seed", seed("orange"))
+
+
+def refused(outcome, code, output, *words):
+    """One line on stderr that has the words, the exit code, and nothing under the final name."""
+    assert (outcome.code, outcome.out) == (code, "")
+    assert outcome.err.count("\n") == 1, outcome.err
+    assert outcome.err.startswith("spheremcap: ")
+    for word in words:
+        assert str(word) in outcome.err
+    assert not output.exists()
+
+
+def test_a_video_becomes_a_recording(run, clip, tmp_path):
+    out = tmp_path / "out.mcap"
+    outcome = run("track", clip, "-o", out, *SEEDS)
+    assert outcome.code == 0, outcome.err
+    assert f"{COUNT} frames -> {out}" in outcome.out
+    assert "orange: 23 verified, 1 seeded" in outcome.out
+    assert "no camera given" in outcome.err
+    topics = decoded(out)
+    assert len(topics["/camera/video"]) == len(topics["/camera/annotations"]) == COUNT
+    assert len(topics["/markers/blue/state"]) == COUNT
+    assert "/camera/calibration" not in topics
+    again = tmp_path / "again.mcap"
+    assert run("track", clip, "-o", again, *SEEDS).code == 0
+    assert again.read_bytes() == out.read_bytes()
+
+
+def test_bad_inputs_are_named_and_leave_nothing(run, clip, tmp_path):
+    out = tmp_path / "out.mcap"
+    text = tmp_path / "text.mp4"
+    text.write_text("not a video at all\n" * 50)
+    refused(run("track", tmp_path / "none.mp4", "-o", out, *ONE), 1, out, "none.mp4", "no such file")
+    refused(run("track", tmp_path / "none.mcap", "-o", out, *ONE), 1, out, "none.mcap", "No such file")
+    refused(run("track", tmp_path, "-o", out, *ONE), 1, out, tmp_path, "folder")
+    refused(run("track", text, "-o", out, *ONE), 1, out, "text.mp4", "not a video")
+    sound = tmp_path / "sound.wav"
+    with av.open(str(sound), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=8000)
+        frame = av.AudioFrame(format="s16", layout="mono", samples=8000)
+        frame.rate = 8000
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    refused(run("track", sound, "-o", out, *ONE), 1, out, "sound.wav", "no video stream")
+    fake = tmp_path / "fake.mcap"
+    fake.write_bytes(b"not an mcap" * 9)
+    refused(run("track", fake, "-o", out, *ONE), 1, out, "fake.mcap", "not an MCAP")
+
+
+def test_bad_seeds_and_settings_are_named_and_leave_nothing(run, clip, tmp_path):
+    out = tmp_path / "out.mcap"
+
+    def told(code, *words, flags):
+        refused(run("track", clip, "-o", out, *flags), code, out, *words)
+
+    told(2, clip, "orange", "outside the 320x240 picture", flags=("--seed", "orange@0=900,90,18"))
+    told(2, clip, "frame 99", f"0 to {COUNT - 1}", flags=("--seed", "orange@99=100,90,18"))
+    told(2, "MARKER@FRAME=X,Y,R", flags=("--seed", "orange=100"))
+    told(2, "no marker to track", flags=())
+    told(2, "unknown camera preset 'gopro'", flags=(*ONE, "--camera", "gopro"))
+    told(2, "none.yaml", flags=(*ONE, "--camera", tmp_path / "none.yaml"))
+    settings = tmp_path / "s.toml"
+    settings.write_text("[output]\nvidoe = 'none'\n")
+    told(2, "s.toml", "unknown key 'output.vidoe'", flags=(*ONE, "-s", settings))
+    settings.write_text("[[markers]]\nname = 'blue'\n")
+    told(2, "'orange'", "settings do not list", flags=(*ONE, "-s", settings))
+    told(2, "none.toml", "no such file", flags=("--seeds", tmp_path / "none.toml"))
+    seeds = tmp_path / "seeds.toml"
+    seeds.write_text("[[seeds]]\nmarker = 'left wrist'\nframe = 0\nx_px = 99\ny_px = 90\nr_px = 18\n")
+    told(2, "left wrist", "letters, digits", flags=("--seeds", seeds))
+    told(2, "--start-time", "ISO 8601", flags=(*ONE, "--start-time", "noon"))
+    told(2, "clip.mp4", "MCAP input", flags=(*ONE, "--topic", "/front/image"))
+
+
+def test_an_output_that_exists_or_cannot_be_is_refused(run, clip, tmp_path):
+    out = tmp_path / "out.mcap"
+    out.write_bytes(b"precious")
+    outcome = run("track", clip, "-o", out, *ONE)
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert "out.mcap exists" in outcome.err
+    assert out.read_bytes() == b"precious"
+    before = clip.read_bytes()
+    outcome = run("track", clip, "-o", clip, *ONE, "--overwrite")
+    assert outcome.code == 2
+    assert "is an input" in outcome.err
+    assert clip.read_bytes() == before
+    nowhere = tmp_path / "no" / "out.mcap"
+    refused(run("track", clip, "-o", nowhere, *ONE), 1, nowhere, nowhere, "no folder")
+    assert run("track", clip, "-o", out, *ONE, "--overwrite", "--video", "none").code == 0
+    assert decoded(out)
+
+
+def test_a_truncated_video_keeps_what_could_be_decoded(run, tmp_path):
+    whole = write_clip(tmp_path / "whole.mkv")
+    cut = tmp_path / "cut.mkv"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 6 // 10])
+    out = tmp_path / "out.mcap"
+    outcome = run("track", cut, "-o", out, *ONE)
+    assert outcome.code == 3, outcome
+    assert "cut.mkv" in outcome.err
+    states = decoded(out)["/markers/orange/state"]
+    assert 3 < len(states) < COUNT
+    assert any("cut.mkv" in message.message for message in decoded(out)["/log"])
+
+
+def test_a_full_disk_is_one_line(clip, tmp_path):
+    out = tmp_path / "out.mcap"
+
+    def small() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+    command = [sys.executable, "-m", "spheremcap", "track", str(clip), "-o", str(out), *ONE]
+    done = subprocess.run(command, preexec_fn=small, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert "out.mcap" in done.stderr
+    assert "File too large" in done.stderr
+    assert not out.exists()
+
+
+def test_ctrl_c_leaves_a_readable_part(tmp_path):
+    clip = write_clip(tmp_path / "long.mp4", 300)
+    out, part = tmp_path / "out.mcap", tmp_path / "out.mcap.part"
+    later = ("--seed", "orange@299=100,90,18")
+    command = [sys.executable, "-m", "spheremcap", "track", str(clip), "-o", str(out), *ONE, *later]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while not part.exists():
+            assert process.poll() is None
+            time.sleep(0.01)
+        time.sleep(0.3)
+        process.send_signal(signal.SIGINT)
+        stdout, stderr = process.communicate(timeout=60)
+    assert process.returncode == 1, stderr
+    assert f"they are in {part}" in stderr
+    assert "Traceback" not in stderr
+    assert not out.exists()
+    assert 0 < len(decoded(part)["/markers/orange/state"]) < 300
+
+
+# --- recordings ---
+
+
+def test_a_recording_is_copied_with_our_channels_beside(run, log, tmp_path):
+    out = tmp_path / "out.mcap"
+    outcome = run("track", log, "-o", out, *SEEDS)
+    assert outcome.code == 0, outcome.err
+    found, given = rows(out), rows(log)
+    theirs = {row[0] for row in given}
+    assert [row for row in found if row[0] in theirs] == given
+    topics = decoded(out)
+    assert topics.keys() - theirs > {"/front/annotations", "/markers/orange/state", "/markers/blue/pose", "/log"}
+    assert not topics.keys() & {"/front/calibration", "/front/video", "/camera/video"}
+    assert len(topics["/front/annotations"]) == COUNT
+    for image, annotations in zip(topics["/front/image"], topics["/front/annotations"], strict=True):
+        assert image.timestamp == annotations.timestamp
+    assert {pose.frame_id for pose in topics["/markers/orange/pose"]} == {"cam0"}
+    whole = spheremcap.open(out)
+    assert whole.damage is None
+    assert whole.tracks["orange"].stamp_ns[0] == START_NS
+    assert whole.info["image_topic"] == "/front/image"
+    with out.open("rb") as file:
+        from mcap.reader import make_reader
+
+        reader = make_reader(file)
+        assert {"about"} < {record.name for record in reader.iter_metadata()}
+        assert "notes.txt" in {record.name for record in reader.iter_attachments()}
+    again = tmp_path / "again.mcap"
+    assert run("track", log, "-o", again, *SEEDS).code == 0
+    assert again.read_bytes() == out.read_bytes()
+
+
+def test_what_is_copied_can_be_chosen(run, log, tmp_path):
+    images, none, encoded = (tmp_path / f"{name}.mcap" for name in ("images", "none", "encoded"))
+    assert run("track", log, "-o", images, *ONE, "--copy", "images").code == 0
+    topics = decoded(images)
+    assert "/tf" not in topics
+    assert len(topics["/front/image"]) == COUNT
+    assert len(topics["/front/camera_info"]) == 1
+    assert run("track", log, "-o", none, *ONE, "--copy", "none").code == 0
+    topics = decoded(none)
+    assert not any(topic.startswith("/front") for topic in topics)
+    assert len(topics["/camera/image"]) == COUNT  # the JPEGs as they were
+    assert topics["/camera/calibration"][0].K[0] == 600
+    assert run("track", log, "-o", encoded, *ONE, "--video", "h264").code == 0
+    topics = decoded(encoded)
+    assert len(topics["/front/image"]) == len(topics["/front/video"]) == COUNT
+
+
+def test_time_start_and_end(run, log, tmp_path):
+    out = tmp_path / "out.mcap"
+    first = START_NS + 6 * STEP_NS
+    flags = ("--seed", seed("orange", index=6), "--start", f"{6 * STEP_NS / 1e9:.9f}", "--time", "log")
+    end = START_NS + LATER_NS + 12 * STEP_NS
+    outcome = run("track", log, "-o", out, *flags, "--end", f"{end // 10**9}.{end % 10**9:09d}")
+    assert outcome.code == 0, outcome.err
+    track = spheremcap.open(out).tracks["orange"]
+    assert track.frame.tolist() == list(range(6, 12))
+    assert track.stamp_ns[0] == first + LATER_NS
+    assert len(decoded(out)["/front/image"]) == COUNT  # the copy is whole
+    late = tmp_path / "late.mcap"
+    refused(run("track", log, "-o", late, *ONE, "--start", 0.02), 2, late, log, "frame 0", "starts on frame 5")
+    refused(run("track", log, "-o", late, *ONE, "--start", 99), 1, late, log, "asked time")
+    refused(run("track", log, "-o", late, *ONE, "--start-time", 5), 2, late, log, "--time")
+
+
+def test_topics_have_to_be_there_and_be_told_apart(run, log, tmp_path):
+    out = tmp_path / "out.mcap"
+    outcome = run("track", log, "-o", out, *ONE, "--topic", "/rear/image")
+    refused(outcome, 1, out, log, "no topic /rear/image", "/front/image")
+    refused(run("track", log, "-o", out, *ONE, "--topic", "/tf"), 1, out, log, "/tf is not an image topic")
+    two = write_recording(tmp_path / "two.mcap", ["/left/image", "/right/image"])
+    refused(run("track", two, "-o", out, *ONE), 2, out, two, "--topic", "/left/image", "/right/image")
+    both = ("--topic", "/left/image", "--topic", "/right/image")
+    refused(run("track", two, "-o", out, *ONE, *both), 2, out, "left/orange", "right/orange")
+    flags = (*both, "--seed", f"left/{seed('orange')}", "--seed", f"right/{seed('orange')}")
+    outcome = run("track", two, "-o", out, *flags, "--seed", f"right/{seed('blue', 1)}")
+    assert outcome.code == 0, outcome.err
+    assert "right/blue: 23 verified" in outcome.out
+    topics = decoded(out)
+    assert len(topics["/left/annotations"]) == len(topics["/right/annotations"]) == COUNT
+    assert [row for row in rows(out) if row[0] in {r[0] for r in rows(two)}] == rows(two)
+    tracks = spheremcap.open(out).tracks
+    assert set(tracks) == {"left/orange", "right/orange", "right/blue"}
+    assert (tracks["left/orange"].status == Status.VERIFIED.value).sum() == COUNT - 1
+
+
+def test_tracking_our_own_output_again_takes_other_topics(run, log, tmp_path):
+    once, twice = tmp_path / "once.mcap", tmp_path / "twice.mcap"
+    assert run("track", log, "-o", once, *ONE, "--debug-images", "none").code == 0
+    outcome = run("track", once, "-o", twice, *ONE, "--debug-images", "none")
+    assert outcome.code == 0, outcome.err
+    first, second = rows(once), rows(twice)
+    assert [row for row in second if row[0] in {r[0] for r in first}] == first
+    assert set(spheremcap.open(twice).tracks) == {"orange", "tracked/orange"}
+
+
+def test_a_recording_without_calibration_gets_ours_and_a_camera_wins(run, log, tmp_path):
+    bare = write_recording(tmp_path / "bare.mcap", ["/front/image"], calibrated=False)
+    out = tmp_path / "out.mcap"
+    settings = tmp_path / "s.toml"
+    settings.write_text(
+        "[camera]\nwidth_px = 320\nheight_px = 240\nfx_px = 550\nfy_px = 550\ncx_px = 159.5\ncy_px = 119.5\n"
+    )
+    assert run("track", bare, "-o", out, *ONE, "-s", settings).code == 0
+    topics = decoded(out)
+    assert topics["/front/calibration"][0].K[0] == 550
+    assert len(topics["/tf"]) == COUNT + 1  # the input's, untouched
+    assert "/tracked/tf" in topics
+    outcome = run("track", log, "-o", out, *ONE, "-s", settings, "--overwrite")
+    assert outcome.code == 0
+    assert decoded(out)["/front/calibration"][0].K[0] == 550
+    outcome = run("track", bare, "-o", out, *ONE, "--overwrite")
+    assert "positions in metres are not" in outcome.err
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".bin"])
+def test_a_damaged_recording_gives_what_can_be_read(run, log, tmp_path, suffix):
+    cut = tmp_path / f"cut{suffix}"
+    cut.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3])
+    out = tmp_path / "out.mcap"
+    outcome = run("track", cut, "-o", out, *ONE)
+    assert outcome.code == 3, outcome
+    assert all(line.startswith("spheremcap: ") for line in outcome.err.splitlines())
+    assert f"{cut}: byte" in outcome.err
+    assert 5 < len(decoded(out)["/front/image"]) < COUNT
+    assert os.listdir(tmp_path).count("out.mcap.part") == 0
