@@ -1,12 +1,12 @@
 """Two balls over a background as a video, and as recordings that another tool could have written."""
 
+import itertools
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
 
 import cv2
-import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.reader import NonSeekingReader
@@ -14,11 +14,11 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.schema import build_file_descriptor_set
-from scenes import BLUE, CAMERA, ORANGE, ball_at, picture, truth
 
+from scenes import BLUE, CAMERA, ORANGE, ball_at, picture, truth
 from spheremcap.io.encode import write_video
 
-COUNT = 24
+COUNT = 16
 START_NS = 1_700_000_000_123_456_789
 STEP_NS = 4_166_667
 LATER_NS = 2_000_000
@@ -33,8 +33,8 @@ def balls(index: int):
 
 
 @cache
-def pictures(count: int = COUNT):
-    return [picture(*balls(index), noise_seed=index) for index in range(count)]
+def pictures():
+    return [picture(*balls(index), noise_seed=index) for index in range(COUNT)]
 
 
 def seed(marker: str, ball: int = 0, index: int = 0) -> str:
@@ -44,7 +44,10 @@ def seed(marker: str, ball: int = 0, index: int = 0) -> str:
 
 
 def write_clip(path: Path, count: int = COUNT) -> Path:
-    write_video(path, pictures(count), Fraction(240), creation_time="2025-06-01T10:00:00Z")
+    """The balls go back and forth when the clip is longer than COUNT."""
+    there_and_back = [*pictures(), *pictures()[-2:0:-1]]
+    shown = itertools.islice(itertools.cycle(there_and_back), count)
+    write_video(path, shown, Fraction(240), creation_time="2025-06-01T10:00:00Z")
     return path
 
 
@@ -58,7 +61,9 @@ def write_truth(path: Path) -> Path:
     return path
 
 
-def write_recording(path: Path, topics: Sequence[str], *, calibrated: bool = True, other: str = "/tf") -> Path:
+def write_recording(
+    path: Path, topics: Sequence[str], *, calibrated: bool = True, other: str = "/tf"
+) -> Path:
     """JPEG pictures on each topic with a calibration beside them, and a topic of somebody else's."""
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=50_000)
@@ -75,7 +80,9 @@ def write_recording(path: Path, topics: Sequence[str], *, calibrated: bool = Tru
         foreign = writer.register_channel(other, "json", writer.register_schema("thing", "jsonschema", b"{}"))
         images = [channel(topic, CompressedImage) for topic in topics]
         calibrations = [
-            channel(topic.rpartition("/")[0] + "/camera_info", CameraCalibration) for topic in topics if calibrated
+            channel(topic.rpartition("/")[0] + "/camera_info", CameraCalibration)
+            for topic in topics
+            if calibrated
         ]
         for index, image in enumerate(pictures()):
             stamp = START_NS + index * STEP_NS
@@ -123,7 +130,3 @@ def decoded(path: Path):
             decode = factory.decoder_for(channel.message_encoding, schema)
             found.setdefault(channel.topic, []).append(decode(message.data) if decode else message.data)
     return found
-
-
-def xyz_of(index: int, ball: int = 0):
-    return np.array(balls(index)[ball].xyz)

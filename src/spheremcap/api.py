@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from pydantic import ValidationError
 
@@ -189,7 +190,8 @@ class _Camera:
         )  # fmt: skip
         writes_calibration = metric and not (view.calibrated and camera is view.calibration)
         self._calibration = camera if writes_calibration else None
-        self._topics = view.topics(pictures=self._encode is not None, calibration=writes_calibration)
+        pictures = _PICTURE_TOPICS.get(settings.output.video, "")
+        self._topics = view.topics(pictures=pictures, calibration=writes_calibration)
         more = {"image_topic": view.topic, "camera_note": camera_note}
         self._run = replace(
             run, time_source=view.time_source, video=video_note, settings_toml=settings.to_toml(),
@@ -325,6 +327,9 @@ def _with_seeded_markers(settings: Settings, seeds: Sequence[Seed]) -> Settings:
     except ValidationError:
         raise UsageError(f"marker {new[0]!r}: a name has letters, digits and underscores only") from None
 
+
+_PICTURE_TOPICS: dict[str, Literal["video", "image"]] = {"h264": "video", "jpeg": "image"}
+"""Beside pictures that are copied we only write others when they are asked for by name."""
 
 PictureMaker = Callable[[Frame], EncodedPicture | None]
 

@@ -53,7 +53,6 @@ class PolicyConfig(StageConfig):
     lost_after: int = Field(5, ge=1, description="unverified frames in a row that mean LOST")
     immediate: bool = Field(False, description="true: lost at the first sum below TH2 (thesis line 1143)")
     out_of_view_s: float = Field(1.0, ge=0, description="seconds out of the picture before it counts as LOST")
-    top_speed_mps: float = Field(8.0, gt=0, description="fastest a marker moves; bounds where a lost one is sought")
 
 
 class ChainConfig(StageConfig):
@@ -123,7 +122,7 @@ class MarkerChain:
         self._last: Circle | None = None  # as last verified
         self._verified = self._moving = 0
         self._seen_stamp_ns = 0
-        self._last_stamp_ns = 0
+        self._seen = Moment(0, np.zeros(6), np.zeros((6, 6)))  # the filter's state when last verified
         self._before: tuple[Patch, Circle] | None = None  # the previous frame's, when it was verified
 
     @property
@@ -231,37 +230,42 @@ class MarkerChain:
         """Look for a lost marker by colour and shape, no further than it can have gone."""
         assert self._last is not None
         assert self._box is not None
-        age_s = (frame.stamp_ns - self._last_stamp_ns) / NS_PER_S
-        px_per_m = self._last.r_px / self.spec.radius_m
-        depth_m = self.spec.radius_m * self.camera.fx_px / self._last.r_px
-        change = 1.15 + self.config.policy.top_speed_mps / 2 * age_s / depth_m  # of size, either way
-        reach = 3 * self._last.r_px + self.config.policy.top_speed_mps * age_s * px_per_m
-        for candidate in acquire(
-            frame, self._box, self._gain, self._last, Window.around(self._last, reach), self.config.acquire
-        ):
+        expected_m, tolerance_m = self._whereabouts(frame.stamp_ns)
+        centre = circle_of_sphere(expected_m, self.spec.radius_m, self.camera) or self._last
+        reach = 3 * self._last.r_px + tolerance_m * self._last.r_px / self.spec.radius_m
+        region = Window.around(centre, min(reach, 2.0 * max(frame.width_px, frame.height_px)))
+        for candidate in acquire(frame, self._box, self._gain, self._last, region, self.config.acquire):
             usual = replace(candidate, r_px=self._last.r_px)
             patch = Patch(frame, Window.around(usual, self._kcf.half_side_px(max(usual.r_px, candidate.r_px))))
             mask = self._mask(patch, candidate)
             # As large as it was, should a part be hidden; and as large as the blob.
             proposals = [("acquire", usual), ("colour", candidate)]
             claim = self._claim(patch, proposals, np.zeros(2), mask)
-            if claim is None or not 1 / change < claim.circle.r_px / self._last.r_px < change:
+            if claim is None:
                 continue
-            estimate = self._decide(
-                frame,
-                patch,
-                candidate,
-                0.75 * candidate.r_px,
-                claim,
-                proposals,
-                mask,
-                (),
-                keep_view,
-                lost=True,
-            )
+            slack_m = tolerance_m + 3 * float(np.sqrt(np.trace(claim.covariance_m2)))
+            if float(np.linalg.norm(claim.xyz_cam_m - expected_m)) > slack_m:
+                continue
+            reach = 0.75 * candidate.r_px
+            estimate = self._decide(frame, patch, candidate, reach, claim, proposals, mask, (), keep_view, lost=True)
             if estimate.status is Status.VERIFIED:
                 return estimate
         return self._miss(frame, None, None)
+
+    def _whereabouts(self, stamp_ns: int) -> tuple[FloatArray, float]:
+        """Where a lost marker would be had it moved on evenly (3,), and how far from there it can be, in metres.
+
+        One that left the picture comes back where it went out: it is expected there, give or take the way it can go.
+        """
+        age_s = (stamp_ns - self._seen.stamp_ns) / NS_PER_S
+        variance = np.diag(self._seen.covariance)
+        drift_m = float(np.sqrt(variance[:3].max() + variance[3:].max() * age_s**2))
+        swerve_m = 0.5 * self.config.kalman.acceleration_mps2 * age_s**2
+        way_m = self._seen.velocity_cam_mps * age_s
+        tolerance_m = 2 * self.spec.radius_m + 3 * drift_m + swerve_m
+        if self._status is Status.OUT_OF_VIEW:
+            return self._seen.xyz_cam_m, tolerance_m + float(np.linalg.norm(way_m))
+        return self._seen.xyz_cam_m + way_m, tolerance_m
 
     # -- the parts of a step --------------------------------------------------------------------------------------
 
@@ -452,8 +456,9 @@ class MarkerChain:
             return False
         if self.config.colour.enabled:
             inside, around = self._colour_shares(patch, claim.circle)
-            least = jury.seed_colour * max(0.4, claim.visible) * self._seed_shares[0]
-            if inside < least or around > jury.seed_around + self._seed_shares[1]:
+            least = (jury.lost_colour if lost else jury.seed_colour) * max(0.4, claim.visible) * self._seed_shares[0]
+            part_of_it = claim.visible < 0.6 and around > jury.seed_around + self._seed_shares[1]
+            if inside < least or part_of_it:
                 return False
         return lost or self._track.inside_gate(claim.xyz_cam_m, claim.covariance_m2)
 
@@ -461,7 +466,7 @@ class MarkerChain:
         """Learn from a verified circle: template, filter, colour gain, size."""
         circle = measured.circle
         self._status, self.misses, self._seen_stamp_ns = status, 0, frame.stamp_ns
-        self._last, self._last_stamp_ns = circle, frame.stamp_ns
+        self._last, self._seen = circle, self._track.now
         self._template = make_template(patch, circle, self.config.matching)
         if self._verified % self.config.kcf.train_every == 0:
             self._kcf.train(patch, circle)
@@ -488,7 +493,7 @@ class MarkerChain:
         claimed = claim.circle if claim is not None else None
         standing_in: Circle | None = None
         if self._status in (Status.LOST, Status.OUT_OF_VIEW):
-            if (frame.stamp_ns - self._last_stamp_ns) / NS_PER_S > policy.out_of_view_s:
+            if (frame.stamp_ns - self._seen.stamp_ns) / NS_PER_S > policy.out_of_view_s:
                 self._status = Status.LOST
         else:
             moment = self._track.now
@@ -588,8 +593,10 @@ class MarkerChain:
         ring = disc_mask(patch, circle, 1.35) & ~disc_mask(patch, circle, 1.1)
         if not disc.any():
             return 0.0, 0.0
-        gain = float(np.clip(np.median(patch.hsv[disc][:, 2]) / self._box_value, 0.1, 4))
-        mask = self._box.mask(patch.hsv, gain)
+        # The exposure as last seen, or as the brighter or darker half of the disc has it when a part is hidden.
+        values = patch.hsv[disc][:, 2]
+        gains = [self._gain, *np.clip(np.quantile(values, (0.25, 0.75)) / self._box_value, 0.1, 4)]
+        mask = max((self._box.mask(patch.hsv, float(gain)) for gain in gains), key=lambda m: int(m[disc].sum()))
         return float(mask[disc].mean()) / 255, float(mask[ring].mean()) / 255 if ring.any() else 0.0
 
     @staticmethod

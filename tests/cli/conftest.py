@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "merge")]
 
-from clips import write_clip, write_recording
-
-from spheremcap.cli import main
+from clips import write_clip, write_recording  # noqa: E402
+from spheremcap.cli import main  # noqa: E402
 
 
 class Outcome(NamedTuple):

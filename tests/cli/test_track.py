@@ -6,13 +6,12 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import av
 import pytest
-from clips import COUNT, LATER_NS, START_NS, STEP_NS, decoded, rows, seed, write_clip, write_recording
 
 import spheremcap
+from clips import COUNT, LATER_NS, START_NS, STEP_NS, decoded, rows, seed, write_clip, write_recording
 from spheremcap.core.estimate import Status
 
 SEEDS = ("--seed", seed("orange"), "--seed", seed("blue", 1))
@@ -34,7 +33,7 @@ def test_a_video_becomes_a_recording(run, clip, tmp_path):
     outcome = run("track", clip, "-o", out, *SEEDS)
     assert outcome.code == 0, outcome.err
     assert f"{COUNT} frames -> {out}" in outcome.out
-    assert "orange: 23 verified, 1 seeded" in outcome.out
+    assert f"orange: {COUNT - 1} verified, 1 seeded" in outcome.out
     assert "no camera given" in outcome.err
     topics = decoded(out)
     assert len(topics["/camera/video"]) == len(topics["/camera/annotations"]) == COUNT
@@ -112,7 +111,7 @@ def test_an_output_that_exists_or_cannot_be_is_refused(run, clip, tmp_path):
 def test_a_truncated_video_keeps_what_could_be_decoded(run, tmp_path):
     whole = write_clip(tmp_path / "whole.mkv")
     cut = tmp_path / "cut.mkv"
-    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 6 // 10])
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 9 // 10])
     out = tmp_path / "out.mcap"
     outcome = run("track", cut, "-o", out, *ONE)
     assert outcome.code == 3, outcome
@@ -122,20 +121,16 @@ def test_a_truncated_video_keeps_what_could_be_decoded(run, tmp_path):
     assert any("cut.mkv" in message.message for message in decoded(out)["/log"])
 
 
-def test_a_full_disk_is_one_line(clip, tmp_path):
+def test_a_full_disk_is_one_line(run, clip, log, tmp_path):
     out = tmp_path / "out.mcap"
-
-    def small() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
-
-    command = [sys.executable, "-m", "spheremcap", "track", str(clip), "-o", str(out), *ONE]
-    done = subprocess.run(command, preexec_fn=small, capture_output=True, text=True)
-    assert done.returncode == 1
-    assert done.stdout == ""
-    assert done.stderr.count("\n") == 1, done.stderr
-    assert "out.mcap" in done.stderr
-    assert "File too large" in done.stderr
-    assert not out.exists()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        outcomes = [run("track", source, "-o", out, *ONE) for source in (clip, log)]
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    for outcome in outcomes:
+        refused(outcome, 1, out, "out.mcap", "File too large")
 
 
 def test_ctrl_c_leaves_a_readable_part(tmp_path):
@@ -149,7 +144,7 @@ def test_ctrl_c_leaves_a_readable_part(tmp_path):
             time.sleep(0.01)
         time.sleep(0.3)
         process.send_signal(signal.SIGINT)
-        stdout, stderr = process.communicate(timeout=60)
+        _stdout, stderr = process.communicate(timeout=60)
     assert process.returncode == 1, stderr
     assert f"they are in {part}" in stderr
     assert "Traceback" not in stderr
@@ -168,11 +163,16 @@ def test_a_recording_is_copied_with_our_channels_beside(run, log, tmp_path):
     theirs = {row[0] for row in given}
     assert [row for row in found if row[0] in theirs] == given
     topics = decoded(out)
-    assert topics.keys() - theirs > {"/front/annotations", "/markers/orange/state", "/markers/blue/pose", "/log"}
+    assert topics.keys() - theirs > {
+        "/front/annotations",
+        "/markers/orange/state",
+        "/markers/blue/pose",
+        "/log",
+    }
     assert not topics.keys() & {"/front/calibration", "/front/video", "/camera/video"}
     assert len(topics["/front/annotations"]) == COUNT
     for image, annotations in zip(topics["/front/image"], topics["/front/annotations"], strict=True):
-        assert image.timestamp == annotations.timestamp
+        assert image.timestamp.ToNanoseconds() == annotations.timestamp.ToNanoseconds()
     assert {pose.frame_id for pose in topics["/markers/orange/pose"]} == {"cam0"}
     whole = spheremcap.open(out)
     assert whole.damage is None
@@ -218,7 +218,9 @@ def test_time_start_and_end(run, log, tmp_path):
     assert track.stamp_ns[0] == first + LATER_NS
     assert len(decoded(out)["/front/image"]) == COUNT  # the copy is whole
     late = tmp_path / "late.mcap"
-    refused(run("track", log, "-o", late, *ONE, "--start", 0.02), 2, late, log, "frame 0", "starts on frame 5")
+    refused(
+        run("track", log, "-o", late, *ONE, "--start", 0.02), 2, late, log, "frame 0", "starts on frame 5"
+    )
     refused(run("track", log, "-o", late, *ONE, "--start", 99), 1, late, log, "asked time")
     refused(run("track", log, "-o", late, *ONE, "--start-time", 5), 2, late, log, "--time")
 
@@ -235,7 +237,7 @@ def test_topics_have_to_be_there_and_be_told_apart(run, log, tmp_path):
     flags = (*both, "--seed", f"left/{seed('orange')}", "--seed", f"right/{seed('orange')}")
     outcome = run("track", two, "-o", out, *flags, "--seed", f"right/{seed('blue', 1)}")
     assert outcome.code == 0, outcome.err
-    assert "right/blue: 23 verified" in outcome.out
+    assert f"right/blue: {COUNT - 1} verified" in outcome.out
     topics = decoded(out)
     assert len(topics["/left/annotations"]) == len(topics["/right/annotations"]) == COUNT
     assert [row for row in rows(out) if row[0] in {r[0] for r in rows(two)}] == rows(two)
@@ -265,7 +267,7 @@ def test_a_recording_without_calibration_gets_ours_and_a_camera_wins(run, log, t
     topics = decoded(out)
     assert topics["/front/calibration"][0].K[0] == 550
     assert len(topics["/tf"]) == COUNT + 1  # the input's, untouched
-    assert "/tracked/tf" in topics
+    assert {"/tracked/tf", "/markers/orange/pose"} < topics.keys()
     outcome = run("track", log, "-o", out, *ONE, "-s", settings, "--overwrite")
     assert outcome.code == 0
     assert decoded(out)["/front/calibration"][0].K[0] == 550

@@ -76,29 +76,34 @@ class CameraView:
         """Whether the output has the calibration anyway."""
         return isinstance(self.source, McapImageSource) and self.source.calibration_topic in self.taken
 
-    def topics(self, *, pictures: bool, calibration: bool) -> Topics:
+    def topics(self, *, pictures: Literal["video", "image", ""], calibration: bool) -> Topics:
         """Names for our channels that the input has not taken; beside the input's pictures where those are
         copied, so that viewers pair them.
 
-        `pictures` and `calibration` say whether we write those ourselves.
+        `pictures` is the topic of those that we write ourselves, if we do; `calibration` whether we write that.
         """
         if not self.copied:
             return Topics(self.name, self.name) if self.name else Topics()
-        camera = ["annotations"] + ["video", "image"] * pictures + ["calibration"] * calibration
-        root = [LOG, SCENE, REQUESTS, OVERVIEW, MARKERS] + [TRANSFORMS] * calibration
-        frame = "" if calibration else self.frame_id
+        camera = ["annotations"] + [pictures] * bool(pictures) + ["calibration"] * calibration
+        root = _free(self.name, [LOG, SCENE, REQUESTS, OVERVIEW, MARKERS], self.taken)
         return _TopicsBeside(
             _free(self.name or _prefix(self.topic), camera, self.taken),
-            _free(self.name, root, self.taken),
-            frame,
+            root,
+            f"{_free(root, [TRANSFORMS], self.taken)}/{TRANSFORMS}",
+            "" if calibration else self.frame_id,
         )
 
 
 @dataclass(frozen=True)
 class _TopicsBeside(Topics):
-    """Topics whose poses are in a coordinate frame of the input's."""
+    """Topics beside those of the input: /tf is often taken, and poses may be in a coordinate frame of its."""
 
+    tf: str = ""
     frame_id: str = ""
+
+    @property
+    def transforms(self) -> str:
+        return self.tf
 
     @property
     def optical_frame(self) -> str:

@@ -16,7 +16,8 @@ class JuryConfig(StageConfig):
     th1: float = Field(4.0, ge=0, le=6, description="a sum of votes above this verifies the claim")
     th2: float = Field(3.0, ge=0, le=6, description="a sum below this rejects it; between: doubtful")
     seed_colour: float = Field(0.6, ge=0, le=1, description="least share in the seed's colours, over share of outline seen")
-    seed_around: float = Field(0.35, ge=0, le=1, description="most that colour may surround the claim, over the seed's")
+    lost_colour: float = Field(0.8, ge=0, le=1, description="the same for a marker that was lost")
+    seed_around: float = Field(0.55, ge=0, le=1, description="most that colour may surround a claim of which little is seen")
     visible: float = Field(0.3, ge=0, le=1, description="least share of the outline that shows an edge")
 
 

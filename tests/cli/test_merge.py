@@ -1,0 +1,122 @@
+"""spheremcap merge and sync as a user runs them."""
+
+import numpy as np
+import pytest
+from test_dataset import errors_ms, write_imu, write_recording
+from test_sync import session
+
+import spheremcap
+from clips import START_NS, decoded, rows
+
+
+@pytest.fixture(scope="module")
+def moved(tmp_path_factory):
+    """A track and an accelerometer beside it, whose clock is 5.4 s off."""
+    folder = tmp_path_factory.mktemp("moved")
+    made = session(20, seed=3, fps=120, offset_s=5.4)
+    return made, write_recording(folder / "out.mcap", made), write_imu(folder / "imu_left_wrist.csv", made)
+
+
+def wheel_csv(path, count=50):
+    lines = ["time (s),angle (deg)"] + [f"{k / 100},{k * 3.6}" for k in range(count)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_recordings_and_sensors_become_one(run, log, tmp_path):
+    wheel = wheel_csv(tmp_path / "wheel.csv")
+    folder = tmp_path / "imu"
+    folder.mkdir()
+    (folder / "sensors.csv").write_text(
+        "Time (s),Accelerometer X (g),Accelerometer Y (g),Accelerometer Z (g)\n0.0,0,0,1\n0.01,0,0,1\n0.02,0,1,0\n"
+    )
+    out = tmp_path / "dataset.mcap"
+    flags = ("--offset", "wheel=+12.5ms", "--drift", "imu=-20ppm", "--prefix", "second=right")
+    outcome = run("merge", log, wheel, f"{folder}/", f"second={log}", "-o", out, *flags)
+    assert outcome.code == 0, outcome.err
+    given, found = rows(log), rows(out)
+    assert [row for row in found if row[0] in {r[0] for r in given}] == given
+    assert sum(row[0] == "/right/front/image" for row in found) == sum(r[0] == "/front/image" for r in given)
+    assert f"{len(found)} messages on" in outcome.out
+    back = spheremcap.open(out)
+    start = min(row[1] for row in given)
+    assert back.sensors["wheel"].stamp_ns[0] == start + 12_500_000
+    assert back.sensors["wheel"]["angle_rad"][-1] == pytest.approx(np.deg2rad(49 * 3.6))
+    assert len(back.sensors["imu"]) == 3
+    assert decoded(out)["/sensors/imu"][0].linear_acceleration.z == pytest.approx(9.80665)
+
+
+def test_what_is_wrong_is_one_line(run, log, tmp_path):
+    wheel, out = wheel_csv(tmp_path / "wheel.csv"), tmp_path / "dataset.mcap"
+    broken = tmp_path / "broken.csv"
+    broken.write_text("time (s),angle (deg)\n0,1\n1,2\n2,x\n3,4\n")
+    no_unit = tmp_path / "no_unit.csv"
+    no_unit.write_text("time (s),angle\n0,1\n1,2\n")
+    for arguments, code, words in (
+        ((log, tmp_path / "none.csv"), 2, ["none.csv", "no such file"]),
+        ((log, wheel, "--offset", "imu=+1ms"), 2, ["--offset imu=+1ms", "log, wheel"]),
+        ((log, wheel, "--offset", "wheel=1"), 2, ["'1'", "+12.5ms"]),
+        ((log, wheel, "--drift", "wheel=fast"), 2, ["'fast'", "-20ppm"]),
+        ((log, wheel, "--rate", "many"), 2, ["--rate many", "wheel=240"]),
+        ((log, wheel, "--mapping", tmp_path / "none.toml"), 2, ["none.toml", "cannot be read"]),
+        ((log, wheel, f"wheel={log}", "--offset", "wheel=1ms"), 2, ["two inputs are called 'wheel'"]),
+        ((log, wheel, "--sync", "wheel=nose"), 2, ["no recording has a marker 'nose'"]),
+        ((log, broken), 1, ["broken.csv", "line 4", "angle"]),
+        ((log, no_unit), 2, ["no_unit.csv", "unit"]),
+    ):
+        outcome = run("merge", *arguments, "-o", out)
+        assert (outcome.code, outcome.out) == (code, ""), outcome
+        assert outcome.err.count("\n") == 1, outcome.err
+        for word in words:
+            assert word in outcome.err
+        assert not out.exists()
+    before = log.read_bytes()
+    assert run("merge", log, "-o", log, "--overwrite").code == 2
+    assert log.read_bytes() == before
+
+
+def test_a_damaged_input_is_merged_as_far_as_it_goes(run, log, tmp_path):
+    cut, out = tmp_path / "cut.mcap", tmp_path / "dataset.mcap"
+    cut.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    outcome = run("merge", cut, "-o", out)
+    assert outcome.code == 3
+    assert f"{cut}: byte" in outcome.err
+    assert len(decoded(out)["/front/image"]) > 0
+    assert min(row[1] for row in rows(out)) > START_NS
+
+
+def test_sync_finds_the_clock_and_merge_applies_it(run, moved, tmp_path):
+    made, video, imu = moved
+    rough, fine = tmp_path / "rough.mcap", tmp_path / "fine.mcap"
+    assert run("merge", video, imu, "-o", rough).code == 0
+    outcome = run("sync", rough, "--marker", "left_wrist", "--sensor", "imu_left_wrist")
+    assert outcome.code == 0, outcome.err
+    assert "windows agree" in outcome.out
+    found = outcome.out.split("--offset NAME=")[1].split()
+    again = (
+        "--offset",
+        f"imu_left_wrist={found[0]}",
+        "--drift",
+        f"imu_left_wrist={found[2].removeprefix('NAME=')}",
+    )
+    assert run("merge", video, imu, "-o", fine, *again).code == 0
+    assert errors_ms(spheremcap.open(fine).sensors["imu_left_wrist"].stamp_ns, made).max() < 2.0
+    outcome = run("merge", video, imu, "-o", fine, "--overwrite", "--sync", "imu_left_wrist=left_wrist")
+    assert outcome.code == 0, outcome.err
+    assert "windows agree" in outcome.err
+    assert "/sync/imu_left_wrist/residual" in decoded(fine)
+
+
+def test_sync_lists_what_there_is_and_refuses_to_guess(run, moved, tmp_path):
+    _, video, _imu = moved
+    outcome = run("sync", video, "--marker", "nose", "--sensor", "imu")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert "there are: left_wrist" in outcome.err
+    flat = tmp_path / "flat.csv"
+    flat.write_text(
+        "Time (s),Acc X (g),Acc Y (g),Acc Z (g)\n" + "".join(f"{k / 100},0,0,1\n" for k in range(1500))
+    )
+    merged = tmp_path / "merged.mcap"
+    assert run("merge", video, flat, "-o", merged).code == 0
+    outcome = run("sync", merged, "--marker", "left_wrist", "--sensor", "flat")
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (1, "", 1)

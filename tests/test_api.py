@@ -1,0 +1,119 @@
+"""The public names, and tracking as a function."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import spheremcap
+from clips import COUNT, balls, rows, write_clip, write_recording
+from scenes import CAMERA, truth
+from spheremcap import api
+from spheremcap.core.presets import PRESETS
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_clip(tmp_path_factory.mktemp("api") / "clip.mp4")
+
+
+SETTINGS = spheremcap.Settings.model_validate(
+    {
+        "camera": {
+            "width_px": CAMERA.width_px, "height_px": CAMERA.height_px, "fx_px": CAMERA.fx_px,
+            "fy_px": CAMERA.fy_px, "cx_px": CAMERA.cx_px, "cy_px": CAMERA.cy_px,
+        },
+        "output": {"debug_images": "none"},
+    }
+)  # fmt: skip
+
+
+def seeds(index: int = 0) -> list[spheremcap.Seed]:
+    return [spheremcap.Seed("orange", index, truth(balls(index)[0]))]
+
+
+def test_importing_costs_nothing_and_every_name_is_there() -> None:
+    code = "import spheremcap, sys; assert not {'numpy', 'cv2', 'av', 'mcap'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+    for name in spheremcap.__all__:
+        assert getattr(spheremcap, name) is not None
+    assert set(spheremcap.__all__) <= set(dir(spheremcap))
+    stub = Path(spheremcap.__file__).with_suffix(".pyi").read_text()
+    assert all(f" {name} as {name}\n" in stub for name in spheremcap.__all__)
+    assert stub.count(" import ") == len(spheremcap.__all__)
+    with pytest.raises(AttributeError, match="nonsense"):
+        spheremcap.nonsense  # noqa: B018
+
+
+def test_merge_is_a_function_although_it_is_a_package_too(tmp_path: Path) -> None:
+    log = write_recording(tmp_path / "log.mcap", ["/front/image"])
+    code = (
+        "import sys, spheremcap.merge.clock, spheremcap as s;"
+        "from pathlib import Path; assert not callable(s.merge.clock);"
+        "s.merge([s.Source(Path(sys.argv[1]))], sys.argv[2])"
+    )
+    subprocess.run([sys.executable, "-c", code, log, tmp_path / "one.mcap"], check=True)
+    spheremcap.merge([spheremcap.Source(log)], tmp_path / "two.mcap")
+    assert rows(tmp_path / "one.mcap") == rows(tmp_path / "two.mcap") == rows(log)
+
+
+def test_tracking_gives_a_report_and_a_recording_to_read_back(clip: Path, tmp_path: Path) -> None:
+    out, told = tmp_path / "out.mcap", []
+    report = spheremcap.track(clip, out, SETTINGS, seeds(), progress=lambda *now: told.append(now))
+    assert report.complete
+    assert (report.frames, report.lost, report.requests) == (COUNT, [], 0)
+    assert told == [(k + 1, COUNT) for k in range(COUNT)]
+    assert report.statuses["orange"][spheremcap.Status.VERIFIED] == COUNT - 1
+    track = spheremcap.open(out).tracks["orange"]
+    true = np.array([balls(k)[0].xyz for k in range(COUNT)])
+    assert np.abs(track.xyz_cam_m[:, :2] - true[:, :2]).max() < 3e-3
+    assert np.abs(track.xyz_cam_m[:, 2] / true[:, 2] - 1).max() < 0.02
+
+
+def test_stopping_leaves_the_part_and_later_seeds_are_no_error(clip: Path, tmp_path: Path) -> None:
+    out, asked = tmp_path / "out.mcap", iter(range(100))
+    later = [*seeds(), *seeds(COUNT - 1)]
+    report = spheremcap.track(clip, out, SETTINGS, later, stop=lambda: next(asked) >= 5)
+    assert report.stopped
+    assert not report.complete
+    assert report.frames == 5
+    assert not out.exists()
+    part = tmp_path / "out.mcap.part"
+    assert len(spheremcap.open(part).tracks["orange"]) == 5
+    assert spheremcap.open(part).info["complete"] == "no"
+
+
+def test_stopping_a_copy_leaves_what_there_was_up_to_then(tmp_path: Path) -> None:
+    log = write_recording(tmp_path / "log.mcap", ["/front/image"])
+    asked = iter(range(100))
+    spheremcap.track(log, tmp_path / "out.mcap", SETTINGS, seeds(), stop=lambda: next(asked) >= 5)
+    part = tmp_path / "out.mcap.part"
+    assert not (tmp_path / "out.mcap").exists()
+    assert len(spheremcap.open(part).tracks["orange"]) == 5
+    assert 0 < sum(row[0] == "/front/image" for row in rows(part)) <= 6
+
+
+def test_an_error_in_the_middle_leaves_no_output_and_a_readable_part(clip: Path, tmp_path: Path) -> None:
+    wrong = [*seeds(), spheremcap.Seed("orange", 8, spheremcap.Circle(900, 90, 18))]
+    with pytest.raises(api.UsageError, match=r"clip\.mp4: seed of orange on frame 8"):
+        spheremcap.track(clip, tmp_path / "out.mcap", SETTINGS, wrong)
+    assert not (tmp_path / "out.mcap").exists()
+    rows(tmp_path / "out.mcap.part")
+
+
+def test_the_camera_is_the_settings_then_the_one_beside_the_pictures() -> None:
+    beside = spheremcap.Camera(320, 240, 500, 500, 160, 120, source="log.mcap: /front/camera_info")
+    resolve = api.resolve_camera
+    nothing = spheremcap.Settings().camera
+    assert resolve(SETTINGS.camera, 320, 240, Path(), beside)[0].fx_px == CAMERA.fx_px
+    camera, metric, note = resolve(nothing, 320, 240, Path(), beside)
+    assert camera is beside
+    assert metric
+    assert "/front/camera_info" in note
+    assert not resolve(nothing, 320, 240, Path())[1]
+    assert resolve(nothing, 1280, 720, Path())[0] == PRESETS["gopro-hero4-black-720p240-narrow"]
+    assert resolve(SETTINGS.camera, 640, 480, Path())[0].fx_px == pytest.approx(2 * CAMERA.fx_px)
+    with pytest.raises(api.UsageError, match="another shape"):
+        resolve(SETTINGS.camera, 640, 360, Path())
