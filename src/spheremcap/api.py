@@ -2,6 +2,7 @@
 
 import hashlib
 import heapq
+import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -101,8 +102,8 @@ def resolve_camera(
 
 
 def track(
-    source_path: Path,
-    output: Path,
+    source_path: str | os.PathLike[str],
+    output: str | os.PathLike[str],
     settings: Settings,
     seeds: Sequence[Seed],
     *,
@@ -120,13 +121,13 @@ def track(
     where relative paths in the settings start; `start_time_ns` is for videos, `mcap` for recordings. `stop` is
     asked before every frame and ends the recording there, readable under OUT.part. Raises SpheremcapError.
     """
-    source_path, output = Path(source_path), Path(output)
-    checked_output(output, [source_path], overwrite=overwrite)
+    path, out = Path(source_path), Path(output)
+    checked_output(out, [path], overwrite=overwrite)
     packets = settings.output.video in ("auto", "passthrough")
-    with open_input(source_path, mcap, start_time_ns=start_time_ns, packets=packets) as given:
-        report = TrackReport(output)
-        size, digest = _fingerprint(source_path)
-        shared = RunInfo(source_path.name, size, digest)
+    with open_input(path, mcap, start_time_ns=start_time_ns, packets=packets) as given:
+        report = TrackReport(out)
+        size, digest = _fingerprint(path)
+        shared = RunInfo(path.name, size, digest)
         cameras = [_Camera(*one, folder, shared) for one in _by_camera(given.views, settings, seeds)]
         hints = [view.source.frame_count_hint for view in given.views]
         done, expected = 0, sum(hint or 0 for hint in hints) if all(hints) else None
@@ -134,19 +135,18 @@ def track(
         def go_on() -> bool:
             nonlocal done
             report.stopped = report.stopped or stop()
-            done += 1
-            progress(done, expected)
+            if not report.stopped:
+                done += 1
+                progress(done, expected)
             return not report.stopped
 
         with (
-            open_output(
-                output, [source_path], overwrite=overwrite, compression=settings.output.compression
-            ) as writer,
+            open_output(out, [path], overwrite=overwrite, compression=settings.output.compression) as writer,
             ExitStack() as logs,
         ):
             copy = Join(writer, given.streams)
             for camera in cameras:
-                logs.enter_context(camera.begin(writer, given.notes))
+                logs.enter_context(camera.begin(writer))
             last_ns = 0
             steps = heapq.merge(*(camera.steps(go_on) for camera in cameras), key=lambda step: step[0])
             for log_ns, write in steps:
@@ -154,7 +154,7 @@ def track(
                 write()
                 last_ns = log_ns
             for camera in cameras:
-                camera.end(report, given.lost(), last_ns)
+                camera.end(report, last_ns)
             if not report.stopped:
                 copy.rest()
             writer.complete = not report.stopped
@@ -182,7 +182,7 @@ class _Camera:
             settings.camera, source.width_px, source.height_px, folder, view.calibration
         )
         self._encode, video_note = _picture_maker(settings, view)
-        self._notes = [camera_note, video_note]
+        self._notes = [camera_note, video_note, *view.notes]
         self._specs = [m.spec() for m in settings.markers]
         self._session = Session(
             camera, self._specs, seeds, settings.chain, settings.session,
@@ -190,7 +190,7 @@ class _Camera:
         )  # fmt: skip
         writes_calibration = metric and not (view.calibrated and camera is view.calibration)
         self._calibration = camera if writes_calibration else None
-        pictures = _PICTURE_TOPICS.get(settings.output.video, "")
+        pictures = _PICTURE_TOPICS.get(settings.output.video)
         self._topics = view.topics(pictures=pictures, calibration=writes_calibration)
         more = {"image_topic": view.topic, "camera_note": camera_note}
         self._run = replace(
@@ -201,9 +201,8 @@ class _Camera:
         self._before: dict[str, Status] = {}
         self._frames = self._requests = 0
 
-    def begin(self, writer: SharedWriter, notes: Sequence[str]) -> McapLog:
-        """Start this camera's part of the recording; `notes` are more to tell the user."""
-        self._notes += notes
+    def begin(self, writer: SharedWriter) -> McapLog:
+        """Start this camera's part of the recording."""
         self._log = McapLog(
             writer, camera=self._calibration, markers=self._specs, run=self._run, topics=self._topics
         )
@@ -214,7 +213,7 @@ class _Camera:
 
         `go_on` is asked before each frame.
         """
-        source, path = self._view.source, self._view.source.path
+        source = self._view.source
         waiting: deque[tuple[EncodedPicture | None, BgrImage | None]] = deque()
         overview_due = _Rate(self._output.debug_rate_hz)
         step = max(1, round(source.width_px / 640))
@@ -243,7 +242,7 @@ class _Camera:
                 yield log_ns, partial(self._write, result, picture, overview, step)
         except UsageError as error:
             if not stopped:  # else the seeds that are left are no error
-                raise UsageError(f"{path}: {error}") from error
+                raise UsageError(f"{source.path}: {error}") from error
 
     def _write(
         self, result: FrameResult, picture: EncodedPicture | None, overview: BgrImage | None, step: int
@@ -258,19 +257,17 @@ class _Camera:
             _log_change(self._log, estimate, self._before)
         self._log.write(result, picture, overview, step)
 
-    def end(self, report: TrackReport, lost: Sequence[str], stamp_ns: int) -> None:
-        """Finish this camera's part, and put what it did into the report.
-
-        `lost` is what could not be read; `stamp_ns` the last log time of the whole recording.
-        """
+    def end(self, report: TrackReport, stamp_ns: int) -> None:
+        """Finish this camera's part, and put what it did into the report; `stamp_ns` is the last log time of all."""
         name = self._view.name.strip("/")
         place = f"{name}/" if name else ""
         gone = [
             f"{place}{m} is LOST at the end" for m, status in self._before.items() if status is Status.LOST
         ]
-        for line in [*lost, *gone]:
+        lost = [*self._view.lost(), *gone]
+        for line in lost:
             self._log.log("WARNING", line, stamp_ns)
-        outcome = {"frames": str(self._frames), "lost": "; ".join([*lost, *gone])}
+        outcome = {"frames": str(self._frames), "lost": "; ".join(lost)}
         self._log.close(outcome, complete=not report.stopped)
         report.frames += self._frames
         report.requests += self._requests

@@ -231,6 +231,7 @@ class MarkerChain:
         assert self._last is not None
         assert self._box is not None
         expected_m, tolerance_m = self._whereabouts(frame.stamp_ns)
+        size_change = 0.15 + 2.0 * (frame.stamp_ns - self._seen.stamp_ns) / NS_PER_S
         centre = circle_of_sphere(expected_m, self.spec.radius_m, self.camera) or self._last
         reach = 3 * self._last.r_px + tolerance_m * self._last.r_px / self.spec.radius_m
         region = Window.around(centre, min(reach, 2.0 * max(frame.width_px, frame.height_px)))
@@ -245,6 +246,8 @@ class MarkerChain:
                 continue
             slack_m = tolerance_m + 3 * float(np.sqrt(np.trace(claim.covariance_m2)))
             if float(np.linalg.norm(claim.xyz_cam_m - expected_m)) > slack_m:
+                continue
+            if abs(np.log(claim.circle.r_px / self._last.r_px)) > size_change:
                 continue
             reach = 0.75 * candidate.r_px
             estimate = self._decide(frame, patch, candidate, reach, claim, proposals, mask, (), keep_view, lost=True)
@@ -425,9 +428,13 @@ class MarkerChain:
         votes: tuple[Vote, ...] = ()
         total = -1.0
         # A lost marker may look as it did when last verified or as it did when a person showed it.
+        near = replace(around, r_px=size)
+        reach_px = min(reach_px, size)
+        if claim is not None:
+            reach_px = max(reach_px, claim.circle.distance(around) + 0.3 * size)
         for template in (self._template, self._seed_template) if lost else (self._template,):
             assert template is not None
-            these = match(template, patch, replace(around, r_px=size), reach_px, self.config.matching)
+            these = match(template, patch, near, reach_px, self.config.matching)
             cast = cast_votes(these, claim.circle if claim is not None else None)
             if vote_sum(cast) > total:
                 maps, votes, total = these, cast, vote_sum(cast)
@@ -452,7 +459,9 @@ class MarkerChain:
     def _plausible(self, patch: Patch, claim: _Measured, lost: bool) -> bool:
         """The seed's say, the outline's and the filter's: colour as seeded, edges to be seen, no leap."""
         jury = self.config.jury
-        if claim.visible < min(jury.visible, 0.5 * self._seed_visible):
+        if claim.visible < min(jury.lost_visible if lost else jury.visible, 0.5 * self._seed_visible):
+            return False
+        if claim.visible < 0.7 and not lost and not self._like_seed(patch, claim.circle):
             return False
         if self.config.colour.enabled:
             inside, around = self._colour_shares(patch, claim.circle)
@@ -461,6 +470,14 @@ class MarkerChain:
             if inside < least or part_of_it:
                 return False
         return lost or self._track.inside_gate(claim.xyz_cam_m, claim.covariance_m2)
+
+    def _like_seed(self, patch: Patch, claim: Circle) -> bool:
+        """Whether the seed's own template, the brightness left out, finds the claim too: the last template may have
+        drifted with it."""
+        assert self._seed_template is not None
+        maps = match(self._seed_template, patch, claim, 0.6 * claim.r_px, self.config.matching)
+        found = next(m for m in maps if m.matcher == "CCOEFF_NORMED")
+        return found.circle.dice(claim) > self.config.jury.seed_template
 
     def _accept(self, frame: Frame, patch: Patch, measured: _Measured, status: Status) -> None:
         """Learn from a verified circle: template, filter, colour gain, size."""

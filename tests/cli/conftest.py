@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import pytest
 
-sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "merge")]
+TESTS = Path(__file__).parents[1]
+sys.path[:0] = [str(TESTS), str(TESTS / "merge"), str(TESTS / "io")]
 
 from clips import write_clip, write_recording  # noqa: E402
 from spheremcap.cli import main  # noqa: E402

@@ -9,9 +9,22 @@ import time
 
 import av
 import pytest
+from test_mcap_images import WRITERS
 
 import spheremcap
-from clips import COUNT, LATER_NS, START_NS, STEP_NS, decoded, rows, seed, write_clip, write_recording
+from clips import (
+    COUNT,
+    LATER_NS,
+    START_NS,
+    STEP_NS,
+    decoded,
+    pictures,
+    rows,
+    seed,
+    write_clip,
+    write_recording,
+)
+from scenes import CAMERA
 from spheremcap.core.estimate import Status
 
 SEEDS = ("--seed", seed("orange"), "--seed", seed("blue", 1))
@@ -286,3 +299,35 @@ def test_a_damaged_recording_gives_what_can_be_read(run, log, tmp_path, suffix):
     assert f"{cut}: byte" in outcome.err
     assert 5 < len(decoded(out)["/front/image"]) < COUNT
     assert os.listdir(tmp_path).count("out.mcap.part") == 0
+
+
+@pytest.mark.parametrize("kind", ["json", "ros2", "ros1"])
+def test_recordings_of_other_tools_keep_their_messages_and_name_the_frame(run, tmp_path, kind):
+    size = {"width": CAMERA.width_px, "height": CAMERA.height_px}
+    f, cx, cy = CAMERA.fx_px, CAMERA.cx_px, CAMERA.cy_px
+    lens = size | {"d": [], "k": [f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0], "r": [0.0] * 9, "p": [0.0] * 12}
+    if kind == "ros1":
+        lens["D"] = lens.pop("d")
+    calibration = "CameraCalibration" if kind == "json" else "CameraInfo"
+    entries = [("/front/camera_info", calibration, lens | {"distortion_model": ""})]
+    if kind == "json":
+        entries = [
+            ("/front/camera_info", calibration, {k.upper() if len(k) == 1 else k: v for k, v in lens.items()})
+        ]
+    for image in pictures():
+        raw = size | {"encoding": "bgr8", "step": 3 * CAMERA.width_px, "data": image.tobytes()}
+        if kind == "json":
+            entries.append(("/front/image", "RawImage", raw))
+        else:
+            entries.append(("/front/image", "Image", raw | {"is_bigendian": 0}))
+    theirs = WRITERS[kind](tmp_path / "theirs.mcap", entries)
+    out = tmp_path / "out.mcap"
+    outcome = run("track", theirs, "-o", out, *ONE)
+    assert outcome.code == 0, outcome.err
+    given = rows(theirs)
+    assert [row for row in rows(out) if row[0] in {r[0] for r in given}] == given
+    topics = decoded(out)
+    assert "/front/calibration" not in topics
+    assert {pose.frame_id for pose in topics["/markers/orange/pose"]} == {
+        {"json": "c", "ros2": "odd"}.get(kind, "front_optical")
+    }

@@ -21,6 +21,11 @@ app = typer.Typer(
 )
 
 
+def _paragraphs(text: str) -> str:
+    """A docstring with each paragraph on one line, as typer wants it."""
+    return "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"spheremcap {__version__}")
@@ -36,14 +41,11 @@ def _root(
     pass
 
 
-app.command("track")(track.track)
-app.command("merge")(merge.merge)
-app.command("sync")(sync.sync)
-app.command("info")(info.info)
-app.command("export")(export.export)
-app.command("evaluate")(evaluate.evaluate)
-app.command("experiment")(experiment.experiment)
-app.command("synth")(synth.synth)
+for verb in (
+    track.track, merge.merge, sync.sync, info.info, export.export,
+    evaluate.evaluate, experiment.experiment, synth.synth,
+):  # fmt: skip
+    app.command(help=_paragraphs(verb.__doc__ or ""))(verb)
 app.add_typer(tune.app, name="tune")
 app.add_typer(config.app, name="config")
 

@@ -28,7 +28,8 @@ def track(
         typer.Option("--settings", "-s", help="TOML with markers, camera and all else; see `config show`."),
     ] = None,
     seeds: Annotated[
-        Path | None, typer.Option("--seeds", help="TOML with the seeds, [[seeds]] tables.")
+        Path | None,
+        typer.Option("--seeds", help="TOML with the seeds: marker, frame, x_px, y_px, r_px of each."),
     ] = None,
     seed: Annotated[
         list[str] | None, typer.Option("--seed", help="MARKER@FRAME=X,Y,R in pixels; as often as needed.")
@@ -43,11 +44,11 @@ def track(
     ] = None,
     video: Annotated[
         Literal["auto", "passthrough", "h264", "jpeg", "none"] | None,
-        typer.Option("--video", help="How pictures go into the MCAP. [default: auto]"),
+        typer.Option("--video", help="How pictures go into the MCAP. (by default auto)"),
     ] = None,
     debug_images: Annotated[
         Literal["none", "crops", "full"] | None,
-        typer.Option("--debug-images", help="Pictures of why a frame was doubted. [default: crops]"),
+        typer.Option("--debug-images", help="Pictures of why a frame was doubted. (by default crops)"),
     ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the output when it exists.")
@@ -66,7 +67,7 @@ def track(
         typer.Option(
             "--time",
             rich_help_panel=_MCAP,
-            help="Which time of the messages is the picture's. [default: header]",
+            help="Which time of the messages is the picture's. (by default header)",
         ),
     ] = None,
     start: Annotated[
@@ -85,7 +86,7 @@ def track(
         typer.Option(
             "--copy",
             rich_help_panel=_MCAP,
-            help="What of the input goes into the output, byte for byte. [default: all]",
+            help="What of the input goes into the output, byte for byte. (by default all)",
         ),
     ] = None,
 ) -> None:

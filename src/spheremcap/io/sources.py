@@ -1,13 +1,14 @@
 """What is tracked: a video file, or image topics of a recording together with what is copied of it."""
 
 import itertools
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from spheremcap.core.camera import Camera
+from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import SourceError, UsageError
 from spheremcap.io.join import McapStream
 from spheremcap.io.mcap_images import McapImageSource, TimeBase, _decoder, image_topics
@@ -43,7 +44,7 @@ class CameraView:
 
     `taken` are the topics that come into the output from the input; `calibration` is the camera found beside
     the pictures, `frame_id` the coordinate frame it names. `codec` says what the pictures are, and
-    `passthrough_reason` why they cannot be handed on as they are (None: they can).
+    `passthrough_reason` why they cannot be handed on as they are (None: they can). `notes` are for the user.
     """
 
     source: VideoSource | McapImageSource
@@ -53,6 +54,11 @@ class CameraView:
     frame_id: str = ""
     codec: str = ""
     passthrough_reason: str | None = None
+    notes: tuple[str, ...] = ()
+
+    def lost(self) -> list[str]:
+        """What could not be read, one line each that names the file, once the pictures have been."""
+        return _named(self.source.path, self.source.lost.lines() if self.source.lost else [])
 
     @property
     def topic(self) -> str:
@@ -76,7 +82,7 @@ class CameraView:
         """Whether the output has the calibration anyway."""
         return isinstance(self.source, McapImageSource) and self.source.calibration_topic in self.taken
 
-    def topics(self, *, pictures: Literal["video", "image", ""], calibration: bool) -> Topics:
+    def topics(self, *, pictures: Literal["video", "image"] | None, calibration: bool) -> Topics:
         """Names for our channels that the input has not taken; beside the input's pictures where those are
         copied, so that viewers pair them.
 
@@ -84,7 +90,7 @@ class CameraView:
         """
         if not self.copied:
             return Topics(self.name, self.name) if self.name else Topics()
-        camera = ["annotations"] + [pictures] * bool(pictures) + ["calibration"] * calibration
+        camera = ["annotations"] + ["calibration"] * calibration + ([pictures] if pictures else [])
         root = _free(self.name, [LOG, SCENE, REQUESTS, OVERVIEW, MARKERS], self.taken)
         return _TopicsBeside(
             _free(self.name or _prefix(self.topic), camera, self.taken),
@@ -112,23 +118,23 @@ class _TopicsBeside(Topics):
 
 @dataclass(frozen=True)
 class Input:
-    """What is read: the cameras, and of a recording what is copied; notes for the user."""
+    """What is read: the cameras, and of a recording what is copied."""
 
     path: Path
     views: tuple[CameraView, ...]
     records: McapRecords | None = None
     streams: tuple[McapStream, ...] = ()
-    notes: tuple[str, ...] = ()
 
     def lost(self) -> list[str]:
-        """What could not be read, one line each, once the pictures have been; each names the file."""
-        lines = [
-            line for view in self.views for line in (view.source.lost.lines() if view.source.lost else ())
-        ]
+        """What could not be read by any of the cameras or for the copy."""
+        lines = [line for view in self.views for line in view.lost()]
         if self.records is not None and self.streams:
-            lines += map(str, self.records.lost)
-        named = (line if line.startswith(str(self.path)) else f"{self.path}: {line}" for line in lines)
-        return list(dict.fromkeys(named))
+            lines += _named(self.path, map(str, self.records.lost))
+        return list(dict.fromkeys(lines))
+
+
+def _named(path: Path, lines: Iterable[str]) -> list[str]:
+    return [line if line.startswith(str(path)) else f"{path}: {line}" for line in lines]
 
 
 def is_recording(path: Path) -> bool:
@@ -193,10 +199,11 @@ def _open_recording(path: Path, choice: FromMcap, stack: ExitStack) -> Input:
             source.calibration,
             _frame_id(records, source.calibration_topic),
             *_passthrough(source),
+            _far_apart(records, choice, source),
         )
         for source in sources
     )
-    return Input(path, views, records, streams, tuple(_far_apart(records, choice, sources)))
+    return Input(path, views, records, streams)
 
 
 def _open_topics(
@@ -220,18 +227,19 @@ def _first_stamp_ns(path: Path, topic: str | None, time: TimeBase) -> int:
         return source.first_stamp_ns
 
 
-def _far_apart(records: McapRecords, choice: FromMcap, sources: Sequence[McapImageSource]) -> Iterator[str]:
+def _far_apart(records: McapRecords, choice: FromMcap, source: McapImageSource) -> tuple[str, ...]:
     """A note where the header stamps are on another clock than the recording."""
-    if choice.time == "header" and choice.start_ns is None:
-        for source in sources:
-            first = next(records.messages({source.topic}), None)
-            apart_ns = 0 if first is None else source.first_stamp_ns - first.log_time
-            if abs(apart_ns) > FAR_APART_NS:
-                yield (
-                    f"{source.topic}: the header stamps are {abs(apart_ns) / 1e9:.0f} s "
-                    f"{'after' if apart_ns > 0 else 'before'} the log times, and so will be our channels: "
-                    "use --time log where that is not wanted"
-                )
+    first = next(records.messages({source.topic}), None)
+    if first is None or choice.time != "header" or choice.start_ns is not None:
+        return ()
+    apart_ns = source.first_stamp_ns - first.log_time
+    if abs(apart_ns) < FAR_APART_NS:
+        return ()
+    return (
+        f"{source.topic}: the header stamps are {abs(apart_ns) / NS_PER_S:.0f} s "
+        f"{'after' if apart_ns > 0 else 'before'} the log times, and so will be our channels: "
+        "use --time log where that is not wanted",
+    )
 
 
 def _passthrough(source: McapImageSource) -> tuple[str, str | None]:
