@@ -334,14 +334,20 @@ class MarkerChain:
     ) -> _Measured | None:
         """The proposal whose neighbourhood shows the most outline, sharpened; proposals alike are tried once."""
         best: _Measured | None = None
+        best_arc_px = 0.0
+        usual_r_px = proposals[0][1].r_px
         tried: list[Circle] = []
         for name, circle in proposals:
             if any(circle.dice(other) > 0.85 for other in tried):
                 continue
             tried.append(circle)
             measured = self._refine(patch, circle, name, 0.2 * circle.r_px + 1, blur_px, mask)
-            if measured is not None and (best is None or _arc_px(measured) > _arc_px(best)):
-                best = measured
+            if measured is None or not 1 / _SIZE_LEAP < measured.circle.r_px / usual_r_px < _SIZE_LEAP:
+                continue
+            # The longest outline, not the largest share: a circle on a part of the marker shows more, of less.
+            arc_px = measured.visible * min(measured.circle.r_px, usual_r_px)
+            if best is None or arc_px > best_arc_px:
+                best, best_arc_px = measured, arc_px
             if best is not None and best.visible > 0.75:
                 break
         return best
@@ -647,10 +653,6 @@ def _outline_score(claim: _Measured | None) -> float:
     return -1.0 if claim is None else claim.visible + claim.edges.explained
 
 
-def _arc_px(claim: _Measured) -> float:
-    """Length of outline with an edge over 2 pi: a circle on a part of the marker shows a larger share, of less."""
-    return claim.visible * claim.circle.r_px
-
-
+_SIZE_LEAP = 1.5  # most that a claim's size may differ from the first proposal's, either way
 _SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated
 _NO_EDGES = EdgePoints(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.intp), np.zeros(0), 0, 0.0)

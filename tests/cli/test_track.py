@@ -306,8 +306,6 @@ def test_recordings_of_other_tools_keep_their_messages_and_name_the_frame(run, t
     size = {"width": CAMERA.width_px, "height": CAMERA.height_px}
     f, cx, cy = CAMERA.fx_px, CAMERA.cx_px, CAMERA.cy_px
     lens = size | {"d": [], "k": [f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0], "r": [0.0] * 9, "p": [0.0] * 12}
-    if kind == "ros1":
-        lens["D"] = lens.pop("d")
     calibration = "CameraCalibration" if kind == "json" else "CameraInfo"
     entries = [("/front/camera_info", calibration, lens | {"distortion_model": ""})]
     if kind == "json":
