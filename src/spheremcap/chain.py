@@ -447,7 +447,7 @@ class MarkerChain:
         verdict = judge(total, self.config.jury)
         if claim is None:
             verdict = Verdict.REJECTED
-        elif verdict is Verdict.VERIFIED and not self._plausible(patch, claim, lost):
+        elif verdict is Verdict.VERIFIED and not self._plausible(patch, claim, around, lost):
             verdict = Verdict.DOUBTFUL
         if keep_view:
             self.view = self._stage_view(patch, mask, hough, claim, maps)
@@ -462,7 +462,7 @@ class MarkerChain:
             frame, Status.VERIFIED, claim, claim.circle, patch.window, tuple(proposals), votes, total, verdict
         )
 
-    def _plausible(self, patch: Patch, claim: _Measured, lost: bool) -> bool:
+    def _plausible(self, patch: Patch, claim: _Measured, around: Circle, lost: bool) -> bool:
         """The seed's say, the outline's and the filter's: colour as seeded, edges to be seen, no leap."""
         jury = self.config.jury
         if claim.visible < min(jury.lost_visible if lost else jury.visible, 0.5 * self._seed_visible):
@@ -470,12 +470,16 @@ class MarkerChain:
         if claim.visible < 0.7 and not lost and not self._like_seed(patch, claim.circle):
             return False
         if self.config.colour.enabled:
-            inside, around = self._colour_shares(patch, claim.circle)
+            inside, ring = self._colour_shares(patch, claim.circle)
             least = (jury.lost_colour if lost else jury.seed_colour) * max(0.4, claim.visible) * self._seed_shares[0]
-            part_of_it = claim.visible < 0.6 and around > jury.seed_around + self._seed_shares[1]
+            part_of_it = claim.visible < 0.6 and ring > jury.seed_around + self._seed_shares[1]
             if inside < least or part_of_it:
                 return False
-        return lost or self._track.inside_gate(claim.xyz_cam_m, claim.covariance_m2)
+        if lost or self._track.inside_gate(claim.xyz_cam_m, claim.covariance_m2):
+            return True
+        # A clear outline hardly off the prediction is no leap, whatever a filter that has learnt a wrong speed says.
+        off = claim.circle.distance(around) / around.r_px + 3 * abs(float(np.log(claim.circle.r_px / around.r_px)))
+        return claim.visible > 0.7 and off < 0.6
 
     def _like_seed(self, patch: Patch, claim: Circle) -> bool:
         """Whether the seed's own template, the brightness left out, finds the claim too: the last template may have

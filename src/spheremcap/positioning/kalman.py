@@ -103,7 +103,13 @@ class Track3D:
         return self.distance2(xyz_cam_m, covariance_m2) <= self._gate
 
     def update(self, xyz_cam_m: FloatArray, covariance_m2: FloatArray) -> Moment:
-        """Take a measurement in at the predicted stamp."""
+        """Take a measurement in at the predicted stamp.
+
+        One outside the gate says that the state was surer than it had reason to be: its covariance is widened first.
+        """
+        surprise = self.distance2(xyz_cam_m, covariance_m2) / self._gate
+        if surprise > 1:
+            self._filter.P = self._filter.P * surprise
         self._filter.update(xyz_cam_m, R=covariance_m2)
         self._filter.P = (self._filter.P + self._filter.P.T) / 2
         return self.now
