@@ -50,9 +50,7 @@ def plain_copy(path: Path, out: Path) -> None:
         for _, channel, message in make_reader(file).iter_messages():
             if channel.id not in ids:
                 ids[channel.id] = writer.register_channel(channel.topic, "x", 0)
-            writer.add_message(
-                ids[channel.id], message.log_time, message.data, message.publish_time, message.sequence
-            )
+            writer.add_message(ids[channel.id], message.log_time, message.data, message.publish_time, message.sequence)
         writer.finish()  # type: ignore[no-untyped-call]
 
 

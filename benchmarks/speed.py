@@ -81,12 +81,8 @@ class Stopwatch:
 @contextmanager
 def stages_timed(watch: Stopwatch) -> Iterator[None]:
     """Wraps the stages where the chain calls them, and puts them back."""
-    wrapped: list[tuple[Any, str]] = [
-        (chain_module, name) for name in FUNCTIONS if hasattr(chain_module, name)
-    ]
-    wrapped += [
-        (getattr(chain_module, owner), name) for owner, name in METHODS if hasattr(chain_module, owner)
-    ]
+    wrapped: list[tuple[Any, str]] = [(chain_module, name) for name in FUNCTIONS if hasattr(chain_module, name)]
+    wrapped += [(getattr(chain_module, owner), name) for owner, name in METHODS if hasattr(chain_module, owner)]
     wrapped.append((Patch, "__init__"))
     before = [(owner, name, getattr(owner, name)) for owner, name in wrapped]
     for owner, name, function in before:
@@ -171,9 +167,7 @@ def peak_mb(trial: Trial, frames: int, folder: Path) -> tuple[float, float]:
 def peer_times(python: Path, session: Path, folder: Path) -> dict[str, float]:
     """ms per frame and marker of OpenCV's trackers on the session."""
     script = Path(__file__).parent / "peers" / "track.py"
-    subprocess.run(
-        [str(python), str(script), str(session), str(folder)], check=True, stdout=subprocess.DEVNULL
-    )
+    subprocess.run([str(python), str(script), str(session), str(folder)], check=True, stdout=subprocess.DEVNULL)
     rows = [line.split(",") for line in (folder / "times.csv").read_text(encoding="utf-8").splitlines()]
     return {tracker: float(each_ms) for _, tracker, _, each_ms in rows}
 
@@ -189,16 +183,12 @@ def machine() -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("session", type=Path)
     parser.add_argument("--six", type=Path)
     parser.add_argument("--peers", type=Path)
     parser.add_argument("--threads", type=int, default=1, help="OpenCV threads (default 1)")
-    parser.add_argument(
-        "--memory", type=int, nargs="*", default=[1000, 10000], help="frames; none leaves it out"
-    )
+    parser.add_argument("--memory", type=int, nargs="*", default=[1000, 10000], help="frames; none leaves it out")
     parser.add_argument("-o", "--output", type=Path)
     given = parser.parse_args()
     cv2.setNumThreads(given.threads)

@@ -18,7 +18,7 @@ from spheremcap.core.marker import MarkerSpec
 def drawn(index: int) -> BgrFrame:
     """A green ball of 20 px radius that moves right, on noise; 240 frames a second."""
     noise = np.random.default_rng(index).integers(70, 90, (480, 640, 3), np.uint8)
-    centre = (round((200 + 1.5 * index) * 16), round(240 * 16))
+    centre = (round((200 + 1.5 * index) * 16), 240 * 16)
     image = cv2.circle(noise, centre, 20 * 16, (60, 190, 70), -1, cv2.LINE_AA, shift=4)
     return BgrFrame(index, index * 1_000_000_000 // 240, cv2.GaussianBlur(image, (0, 0), 0.6))
 

@@ -38,9 +38,7 @@ def frame(index: int) -> FrameResult:
 def picture(circle: Circle) -> EncodedPicture:
     """Your own picture of the frame; None instead when the recording has it already."""
     image = np.full((CAMERA.height_px, CAMERA.width_px, 3), 80, np.uint8)
-    cv2.circle(
-        image, (round(circle.x_px), round(circle.y_px)), round(circle.r_px), (60, 60, 220), -1, cv2.LINE_AA
-    )
+    cv2.circle(image, (round(circle.x_px), round(circle.y_px)), round(circle.r_px), (60, 60, 220), -1, cv2.LINE_AA)
     return EncodedPicture(cv2.imencode(".jpg", image)[1].tobytes(), "jpeg", key=True)
 
 
@@ -48,9 +46,7 @@ def main(path: str) -> None:
     writer = Writer(path)
     writer.start(library="my pipeline")
     mine = writer.register_channel("/my/heartbeat", "json", schema_id=0)
-    with McapLog(
-        writer, camera=CAMERA, markers=[MARKER], topics=Topics(camera="/front", root="/front")
-    ) as log:
+    with McapLog(writer, camera=CAMERA, markers=[MARKER], topics=Topics(camera="/front", root="/front")) as log:
         log.log("INFO", "markers by spheremcap", 0)
         for index in range(240):
             stamp_ns = index * PERIOD_NS

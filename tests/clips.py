@@ -61,9 +61,7 @@ def write_truth(path: Path) -> Path:
     return path
 
 
-def write_recording(
-    path: Path, topics: Sequence[str], *, calibrated: bool = True, other: str = "/tf"
-) -> Path:
+def write_recording(path: Path, topics: Sequence[str], *, calibrated: bool = True, other: str = "/tf") -> Path:
     """JPEG pictures on each topic with a calibration beside them, and a topic of somebody else's."""
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=50_000)
@@ -80,9 +78,7 @@ def write_recording(
         foreign = writer.register_channel(other, "json", writer.register_schema("thing", "jsonschema", b"{}"))
         images = [channel(topic, CompressedImage) for topic in topics]
         calibrations = [
-            channel(topic.rpartition("/")[0] + "/camera_info", CameraCalibration)
-            for topic in topics
-            if calibrated
+            channel(topic.rpartition("/")[0] + "/camera_info", CameraCalibration) for topic in topics if calibrated
         ]
         for index, image in enumerate(pictures()):
             stamp = START_NS + index * STEP_NS

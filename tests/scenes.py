@@ -65,9 +65,7 @@ def truth(ball: Ball, camera=CAMERA) -> Circle:
     minor = ball.radius_m / np.sqrt(depth)
     major = ball.radius_m * np.sqrt(x * x + y * y + depth) / depth
     f = camera.fx_px
-    return Circle(
-        camera.cx_px + f * x * z / depth, camera.cy_px + f * y * z / depth, f * float(np.sqrt(minor * major))
-    )
+    return Circle(camera.cx_px + f * x * z / depth, camera.cy_px + f * y * z / depth, f * float(np.sqrt(minor * major)))
 
 
 def to_linear(code):
@@ -124,9 +122,7 @@ def picture(
         for ball in balls:
             _draw(scene, ball, camera, shading)
         for c in covers:
-            scene[max(0, c.top) : max(0, c.bottom), max(0, c.left) : max(0, c.right)] = to_linear(
-                np.array(c.rgb[::-1])
-            )
+            scene[max(0, c.top) : max(0, c.bottom), max(0, c.left) : max(0, c.right)] = to_linear(np.array(c.rgb[::-1]))
         if x1 > x0 and y1 > y0:
             inner = np.s_[max(0, y0 - 4) : y1 + 4, max(0, x0 - 4) : x1 + 4]
             light = cv2.GaussianBlur(scene[inner], (0, 0), LENS_SIGMA_PX)
@@ -200,7 +196,5 @@ def yuv_frame(image, index=0, period_ns=PERIOD_NS) -> YuvFrame:
     # Left-sited: a (1, 2, 1)/4 filter across columns, the mean of two rows.
     chroma = cv2.sepFilter2D(yuv[..., 1:], -1, np.array([0.25, 0.5, 0.25]), np.ones(1))
     chroma = (chroma[0::2, 0::2] + chroma[1::2, 0::2]) / 2
-    planes = [
-        np.clip(np.rint(p), 0, 255).astype(np.uint8) for p in (yuv[..., 0], chroma[..., 0], chroma[..., 1])
-    ]
+    planes = [np.clip(np.rint(p), 0, 255).astype(np.uint8) for p in (yuv[..., 0], chroma[..., 0], chroma[..., 1])]
     return YuvFrame(index, index * period_ns, planes[0], (planes[1], planes[2]), (2, 2), (0.0, 0.5), _BT709)

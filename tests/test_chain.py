@@ -40,9 +40,7 @@ def path(index) -> Ball:
     """Round the picture's middle and to and fro, up to 3 m/s."""
     t = index * PERIOD_NS / NS_PER_S
     w = 2 * np.pi * 3.0
-    return Ball(
-        (0.12 * float(np.sin(w * t)), 0.07 * float(np.cos(w * t)), 0.9 + 0.1 * float(np.sin(0.7 * w * t)))
-    )
+    return Ball((0.12 * float(np.sin(w * t)), 0.07 * float(np.cos(w * t)), 0.9 + 0.1 * float(np.sin(0.7 * w * t))))
 
 
 @lru_cache(maxsize=400)
@@ -100,9 +98,7 @@ def test_a_moving_ball_is_followed_for_sixty_frames(frame_of):
     assert np.median(errors) < 0.15
     assert max(errors) < 0.3
     assert np.mean([e.circle.dice(t) for e, t in zip(estimates, truths, strict=True)]) > 0.98
-    distance = [
-        np.linalg.norm(e.xyz_cam_m) / np.linalg.norm(path(i).xyz) - 1 for i, e in enumerate(estimates)
-    ]
+    distance = [np.linalg.norm(e.xyz_cam_m) / np.linalg.norm(path(i).xyz) - 1 for i, e in enumerate(estimates)]
     assert abs(np.median(distance)) < (0.01 if frame_of is bgr_frame else 0.015)
 
 
@@ -168,9 +164,7 @@ def test_a_careless_seed_is_sharpened_and_an_absurd_one_kept():
 def test_two_runs_give_the_same_estimates_to_the_last_bit():
     def run():
         chain = started()
-        return (
-            steps(chain, [*range(1, 15)]) + steps(chain, range(15, 18), hidden) + steps(chain, range(18, 24))
-        )
+        return steps(chain, [*range(1, 15)]) + steps(chain, range(15, 18), hidden) + steps(chain, range(18, 24))
 
     for a, b in zip(run(), run(), strict=True):
         for name in ("status", "circle", "claim", "votes", "vote_sum", "proposals", "search", "circle_sd_px"):
@@ -275,9 +269,7 @@ def test_a_hidden_marker_is_never_verified(cover):
 
 def test_a_ball_of_another_colour_in_its_place_is_never_verified():
     chain = settled()
-    swapped = [
-        chain.step(bgr_frame(picture(Ball(path(i).xyz, BLUE), noise_seed=i), i)) for i in range(12, 24)
-    ]
+    swapped = [chain.step(bgr_frame(picture(Ball(path(i).xyz, BLUE), noise_seed=i), i)) for i in range(12, 24)]
     assert not any(e.status.measured for e in swapped)
 
 
@@ -340,9 +332,7 @@ def run_out_and_back():
 def test_a_marker_that_leaves_the_picture_is_out_of_view_and_verified_when_it_is_back():
     estimates = run_out_and_back()
     wholly_out = [
-        e
-        for e in estimates
-        if truth(leaving(e.frame_index)).x_px > 319.5 + truth(leaving(e.frame_index)).r_px
+        e for e in estimates if truth(leaving(e.frame_index)).x_px > 319.5 + truth(leaving(e.frame_index)).r_px
     ]
     assert len(wholly_out) > 10
     assert all(not e.status.measured for e in wholly_out)

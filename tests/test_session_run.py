@@ -215,13 +215,9 @@ def test_a_marker_without_a_seed_says_how_to_give_one():
         session((seed("wrist"),))
 
 
-@pytest.mark.parametrize(
-    "circle", [Circle(-5, 50, 10), Circle(50, 240, 10), Circle(400, 50, 10), Circle(50, 50, 0.5)]
-)
+@pytest.mark.parametrize("circle", [Circle(-5, 50, 10), Circle(50, 240, 10), Circle(400, 50, 10), Circle(50, 50, 0.5)])
 def test_a_seed_outside_the_picture_is_an_error_that_says_where(circle):
-    with pytest.raises(
-        UsageError, match=r"seed of wrist on frame 0: circle x=.* outside the 320x240 picture"
-    ):
+    with pytest.raises(UsageError, match=r"seed of wrist on frame 0: circle x=.* outside the 320x240 picture"):
         list(session((Seed("wrist", 0, circle), seed("elbow"))).run(frames(3)))
 
 

@@ -71,9 +71,7 @@ class Peer:
         self.seconds, self.frames = self.seconds + time.perf_counter() - start, self.frames + 1
         if not found or min(width, height) <= 0:
             return lost
-        circle = Circle(
-            x + width / 2 - 0.5 - BORDER_PX, y + height / 2 - 0.5 - BORDER_PX, min(width, height) / 2
-        )
+        circle = Circle(x + width / 2 - 0.5 - BORDER_PX, y + height / 2 - 0.5 - BORDER_PX, min(width, height) / 2)
         self._inside = 0 <= circle.x_px < frame.width_px and 0 <= circle.y_px < frame.height_px
         return replace(lost, status=Status.VERIFIED, circle=circle)
 
@@ -96,9 +94,7 @@ def follow(trial: Trial, tracker: str, path: Path, skip_frames: int, times: Path
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sessions", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--trackers", nargs="+", default=list(TRACKERS), choices=list(TRACKERS))

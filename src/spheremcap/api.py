@@ -165,9 +165,7 @@ def track(
 class _Camera:
     """One camera: its pictures go through its session, and what comes out into its part of the recording."""
 
-    def __init__(
-        self, view: CameraView, settings: Settings, seeds: Sequence[Seed], folder: Path, run: RunInfo
-    ) -> None:
+    def __init__(self, view: CameraView, settings: Settings, seeds: Sequence[Seed], folder: Path, run: RunInfo) -> None:
         source = view.source
         self._view, self._output = view, settings.output
         last = source.frame_count_hint
@@ -203,9 +201,7 @@ class _Camera:
 
     def begin(self, writer: SharedWriter) -> McapLog:
         """Start this camera's part of the recording."""
-        self._log = McapLog(
-            writer, camera=self._calibration, markers=self._specs, run=self._run, topics=self._topics
-        )
+        self._log = McapLog(writer, camera=self._calibration, markers=self._specs, run=self._run, topics=self._topics)
         return self._log
 
     def steps(self, go_on: Callable[[], bool]) -> Iterator[tuple[int, Callable[[], None]]]:
@@ -244,9 +240,7 @@ class _Camera:
             if not stopped:  # else the seeds that are left are no error
                 raise UsageError(f"{source.path}: {error}") from error
 
-    def _write(
-        self, result: FrameResult, picture: EncodedPicture | None, overview: BgrImage | None, step: int
-    ) -> None:
+    def _write(self, result: FrameResult, picture: EncodedPicture | None, overview: BgrImage | None, step: int) -> None:
         if not self._frames:
             for note in self._notes:
                 self._log.log("WARNING" if note.startswith("no camera") else "INFO", note, result.stamp_ns)
@@ -261,9 +255,7 @@ class _Camera:
         """Finish this camera's part, and put what it did into the report; `stamp_ns` is the last log time of all."""
         name = self._view.name.strip("/")
         place = f"{name}/" if name else ""
-        gone = [
-            f"{place}{m} is LOST at the end" for m, status in self._before.items() if status is Status.LOST
-        ]
+        gone = [f"{place}{m} is LOST at the end" for m, status in self._before.items() if status is Status.LOST]
         lost = [*self._view.lost(), *gone]
         for line in lost:
             self._log.log("WARNING", line, stamp_ns)
@@ -287,9 +279,7 @@ def _by_camera(
         camera, _, marker = seed.marker.strip("/").rpartition("/")
         if camera not in own:
             places = ", ".join(f"{name}/{marker}" for name in own)
-            raise UsageError(
-                f"seed of {seed.marker!r}: which camera? With several topics, name it as one of {places}"
-            )
+            raise UsageError(f"seed of {seed.marker!r}: which camera? With several topics, name it as one of {places}")
         own[camera].append(replace(seed, marker=marker))
     seeded = {seed.marker for some in own.values() for seed in some}
     for m in settings.markers:
@@ -298,9 +288,7 @@ def _by_camera(
     cameras = []
     for view, some in zip(views, own.values(), strict=True):
         if not some:
-            raise UsageError(
-                f"no seed for {view.topic}: give one, --seed {view.name.strip('/')}/MARKER@FRAME=X,Y,R"
-            )
+            raise UsageError(f"no seed for {view.topic}: give one, --seed {view.name.strip('/')}/MARKER@FRAME=X,Y,R")
         names = {seed.marker for seed in some}
         here = settings.model_copy(update={"markers": tuple(m for m in settings.markers if m.name in names)})
         cameras.append((view, _with_seeded_markers(here, some), some))
@@ -314,13 +302,9 @@ def _with_seeded_markers(settings: Settings, seeds: Sequence[Seed]) -> Settings:
     if known and new:
         raise UsageError(f"seed for marker {new[0]!r}, which the settings do not list ({', '.join(known)})")
     if not known and not new:
-        raise UsageError(
-            "no marker to track: give --seed NAME@FRAME=X,Y,R, or markers in a settings file and seeds"
-        )
+        raise UsageError("no marker to track: give --seed NAME@FRAME=X,Y,R, or markers in a settings file and seeds")
     try:
-        return settings.model_copy(
-            update={"markers": settings.markers + tuple(MarkerSettings(name=n) for n in new)}
-        )
+        return settings.model_copy(update={"markers": settings.markers + tuple(MarkerSettings(name=n) for n in new)})
     except ValidationError:
         raise UsageError(f"marker {new[0]!r}: a name has letters, digits and underscores only") from None
 

@@ -120,7 +120,8 @@ class MarkerChain:
         self._seed_template: Template | None = None
         self._status = Status.LOST
         self._last: Circle | None = None  # as last verified
-        self._verified = self._moving = 0
+        self._verified = self._moving = self._looks = 0
+        self._explained = np.zeros(len(_SOFTNESS))
         self._seen_stamp_ns = 0
         self._seen = Moment(0, np.zeros(6), np.zeros((6, 6)))  # the filter's state when last verified
         self._before: tuple[Patch, Circle] | None = None  # the previous frame's, when it was verified
@@ -155,16 +156,21 @@ class MarkerChain:
         return self._estimate(frame, Status.SEEDED, measured, claim=circle, search=patch.window)
 
     def _learn_softness(self, patch: Patch, claim: _Measured, blur_px: FloatArray) -> None:
-        """Look again how soft lens and focus are, now that the motion is known: which blur explains the outline best."""
+        """Look again how soft lens and focus are, now that the motion is known, by what explains the outline."""
         if not self.config.edge.learn_blur:
             return
         outline = outline_px(claim.xyz_cam_m, self.spec.radius_m, self.camera, self.config.edge.rays)
-        best = 0.0
-        for softness in _SOFTNESS:
-            edge = self.config.edge.model_copy(update={"blur_sigma_px": self.config.edge.blur_sigma_px * softness})
+        options = [
+            self.config.edge.model_copy(update={"blur_sigma_px": self.config.edge.blur_sigma_px * softness})
+            for softness in _SOFTNESS
+        ]
+        for k, edge in enumerate(options):
             edges = find_edges(patch, outline, claim.circle.r_px, self._close(claim.circle), blur_px, None, edge)
-            if edges is not None and edges.explained > best + 0.003:
-                best, self._edge = edges.explained, edge
+            self._explained[k] += 0.0 if edges is None else edges.explained
+        # The sharpest that is about as good as the best: too soft a step takes a dark limb for blur.
+        self._looks += 1
+        good = self._explained >= self._explained.max() - 0.01 * self._looks
+        self._edge = options[int(good.argmax())]
 
     def _first_look(self, patch: Patch, circle: Circle) -> _Measured | None:
         """The seed sharpened; how soft the lens and focus are is learnt from which blur explains the outline best."""
@@ -216,7 +222,7 @@ class MarkerChain:
         proposals += [("hough", hough[0])] if hough else []
         close = self._close(predicted)
         claim = None
-        if 3 * spread_px < close and predicted.dice(followed) > 0.8:  # all agree: one look close by will do
+        if spread_px < max(2.0, 0.15 * predicted.r_px) and predicted.dice(followed) > 0.8:  # they agree: look close by
             claim = self._refine(patch, predicted, "prediction", close, rate_px * self.exposure_s, mask)
         if claim is None or claim.visible < 0.6:
             claim = self._claim(patch, proposals, rate_px * self.exposure_s, mask)
@@ -378,7 +384,15 @@ class MarkerChain:
             if edges is None:
                 return None
             rays = camera.rays(edges.points_px)
-            fit = fit_sphere(rays, edges.sd_px / camera.fx_px, radius, xyz, loose=reach / 0.1, hold=hold)
+            fit = fit_sphere(
+                rays,
+                edges.sd_px / camera.fx_px,
+                radius,
+                xyz,
+                loose=reach / 0.1,
+                hold=hold,
+                near=not coarse and look > 0,
+            )
             if fit is None:
                 return None
             before, xyz = found, fit.xyz_cam_m
@@ -620,10 +634,14 @@ class MarkerChain:
         ring = disc_mask(patch, circle, 1.35) & ~disc_mask(patch, circle, 1.1)
         if not disc.any():
             return 0.0, 0.0
-        # The exposure as last seen, or as the brighter or darker half of the disc has it when a part is hidden.
-        values = patch.hsv[disc][:, 2]
-        gains = [self._gain, *np.clip(np.quantile(values, (0.25, 0.75)) / self._box_value, 0.1, 4)]
-        mask = max((self._box.mask(patch.hsv, float(gain)) for gain in gains), key=lambda m: int(m[disc].sum()))
+        mask = self._box.mask(patch.hsv, self._gain)
+        if mask[disc].mean() < 0.8 * 255:
+            # Another exposure, as the brighter or the darker half of the disc has it when a part is hidden.
+            values = patch.hsv[disc][:, 2]
+            quarter = len(values) // 4
+            halves = np.partition(values, (quarter, 3 * quarter))[[quarter, 3 * quarter]] / self._box_value
+            masks = [mask, *(self._box.mask(patch.hsv, float(gain)) for gain in np.clip(halves, 0.1, 4))]
+            mask = max(masks, key=lambda m: int(m[disc].sum()))
         return float(mask[disc].mean()) / 255, float(mask[ring].mean()) / 255 if ring.any() else 0.0
 
     @staticmethod

@@ -113,9 +113,7 @@ def test_sync_lists_what_there_is_and_refuses_to_guess(run, moved, tmp_path):
     assert (outcome.code, outcome.err.count("\n")) == (2, 1)
     assert "there are: left_wrist" in outcome.err
     flat = tmp_path / "flat.csv"
-    flat.write_text(
-        "Time (s),Acc X (g),Acc Y (g),Acc Z (g)\n" + "".join(f"{k / 100},0,0,1\n" for k in range(1500))
-    )
+    flat.write_text("Time (s),Acc X (g),Acc Y (g),Acc Z (g)\n" + "".join(f"{k / 100},0,0,1\n" for k in range(1500)))
     merged = tmp_path / "merged.mcap"
     assert run("merge", video, flat, "-o", merged).code == 0
     outcome = run("sync", merged, "--marker", "left_wrist", "--sensor", "flat")

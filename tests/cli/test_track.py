@@ -231,9 +231,7 @@ def test_time_start_and_end(run, log, tmp_path):
     assert track.stamp_ns[0] == first + LATER_NS
     assert len(decoded(out)["/front/image"]) == COUNT  # the copy is whole
     late = tmp_path / "late.mcap"
-    refused(
-        run("track", log, "-o", late, *ONE, "--start", 0.02), 2, late, log, "frame 0", "starts on frame 5"
-    )
+    refused(run("track", log, "-o", late, *ONE, "--start", 0.02), 2, late, log, "frame 0", "starts on frame 5")
     refused(run("track", log, "-o", late, *ONE, "--start", 99), 1, late, log, "asked time")
     refused(run("track", log, "-o", late, *ONE, "--start-time", 5), 2, late, log, "--time")
 
@@ -309,9 +307,7 @@ def test_recordings_of_other_tools_keep_their_messages_and_name_the_frame(run, t
     calibration = "CameraCalibration" if kind == "json" else "CameraInfo"
     entries = [("/front/camera_info", calibration, lens | {"distortion_model": ""})]
     if kind == "json":
-        entries = [
-            ("/front/camera_info", calibration, {k.upper() if len(k) == 1 else k: v for k, v in lens.items()})
-        ]
+        entries = [("/front/camera_info", calibration, {k.upper() if len(k) == 1 else k: v for k, v in lens.items()})]
     for image in pictures():
         raw = size | {"encoding": "bgr8", "step": 3 * CAMERA.width_px, "data": image.tobytes()}
         if kind == "json":

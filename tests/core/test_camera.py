@@ -10,9 +10,7 @@ from spheremcap.core.presets import PRESETS, assumed_camera
 WIDTH, HEIGHT = 1280, 720
 CAMERAS = {
     "none": Camera(WIDTH, HEIGHT, 1150.0, 1140.0, 640.3, 355.8),
-    "plumb_bob": Camera(
-        WIDTH, HEIGHT, 1150.0, 1140.0, 640.3, 355.8, "plumb_bob", (-0.31, 0.17, 0.001, -0.0007)
-    ),
+    "plumb_bob": Camera(WIDTH, HEIGHT, 1150.0, 1140.0, 640.3, 355.8, "plumb_bob", (-0.31, 0.17, 0.001, -0.0007)),
     "plumb_bob_8": Camera(
         WIDTH,
         HEIGHT,
@@ -52,9 +50,7 @@ def test_projection_is_opencvs(name):
     points = rng.uniform((-0.4, -0.25, 0.8), (0.4, 0.25, 3), (40, 3))
     zero = np.zeros(3)
     if camera.model == "fisheye":
-        expected, _ = cv2.fisheye.projectPoints(
-            points[:, None], zero, zero, camera.matrix, np.array(camera.distortion)
-        )
+        expected, _ = cv2.fisheye.projectPoints(points[:, None], zero, zero, camera.matrix, np.array(camera.distortion))
     else:
         expected, _ = cv2.projectPoints(points, zero, zero, camera.matrix, np.array(camera.distortion))
     np.testing.assert_allclose(camera.project(points), expected.reshape(-1, 2), atol=1e-8)
@@ -89,9 +85,7 @@ def test_a_scaled_camera_sees_the_same_point_at_the_scaled_place(name, factor):
     scaled = camera.scaled(int(WIDTH * factor), int(HEIGHT * factor))
     points = np.array([[0.1, -0.2, 1.0], [-0.3, 0.1, 1.4]])
     # Integer coordinates are pixel centres, so it is the edges (x + 0.5) that scale.
-    np.testing.assert_allclose(
-        scaled.project(points) + 0.5, (camera.project(points) + 0.5) * factor, atol=1e-9
-    )
+    np.testing.assert_allclose(scaled.project(points) + 0.5, (camera.project(points) + 0.5) * factor, atol=1e-9)
     assert (scaled.width_px, scaled.height_px) == (WIDTH * factor, HEIGHT * factor)
 
 

@@ -15,9 +15,7 @@ circles = st.builds(Circle, coordinate, coordinate, radius)
 def counted(a: Circle, b: Circle, step: float) -> float:
     """The thesis' variant of the shared area: count the sample points that lie in both."""
     half = a.r_px + step
-    x, y = np.meshgrid(
-        np.arange(a.x_px - half, a.x_px + half, step), np.arange(a.y_px - half, a.y_px + half, step)
-    )
+    x, y = np.meshgrid(np.arange(a.x_px - half, a.x_px + half, step), np.arange(a.y_px - half, a.y_px + half, step))
     both = (np.hypot(x - a.x_px, y - a.y_px) < a.r_px) & (np.hypot(x - b.x_px, y - b.y_px) < b.r_px)
     return float(both.sum()) * step * step
 

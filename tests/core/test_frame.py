@@ -9,9 +9,7 @@ from spheremcap.core.frame import BgrFrame, Frame, Patch, Window, YuvFrame, crop
 
 WIDTH, HEIGHT = 41, 30
 BT709 = yuv_to_bgr_matrix("bt709", False)
-windows = st.builds(
-    Window, st.integers(-30, 60), st.integers(-30, 50), st.integers(1, 50), st.integers(1, 40)
-)
+windows = st.builds(Window, st.integers(-30, 60), st.integers(-30, 50), st.integers(1, 50), st.integers(1, 40))
 
 
 def padded(image, window, margin=100):
@@ -227,9 +225,7 @@ def test_a_patch_turns_circles_into_its_own_pixels():
 
 
 def test_hue_counts_two_degrees_a_step():
-    colours = np.array(
-        [[[0, 0, 255], [0, 255, 255], [0, 255, 0], [255, 255, 0], [255, 0, 0], [255, 0, 255]]], np.uint8
-    )
+    colours = np.array([[[0, 0, 255], [0, 255, 255], [0, 255, 0], [255, 255, 0], [255, 0, 0], [255, 0, 255]]], np.uint8)
     patch = Patch(BgrFrame(0, 0, colours), Window(0, 0, 6, 1))
     assert patch.hsv[0, :, 0].tolist() == [0, 30, 60, 90, 120, 150]
     assert (patch.hsv[0, :, 1:] == 255).all()

@@ -197,9 +197,7 @@ def test_an_edge_out_of_reach_is_not_taken_for_one_within():
     patch = Patch(bgr_frame(picture(ball)), Window.around(circle, 50))
     inner = find_edges(patch, small, circle.r_px / 1.6, 1.5, (0.0, 0.0), None, EdgeConfig())
     if inner is not None:
-        fit = fit_sphere(
-            CAMERA.rays(inner.points_px), inner.sd_px / CAMERA.fx_px, RADIUS_M, np.array(ball.xyz) * 1.6
-        )
+        fit = fit_sphere(CAMERA.rays(inner.points_px), inner.sd_px / CAMERA.fx_px, RADIUS_M, np.array(ball.xyz) * 1.6)
         found = None if fit is None else circle_of_sphere(fit.xyz_cam_m, RADIUS_M, CAMERA)
         assert found is None or found.r_px < 0.8 * circle.r_px
         assert len(inner.points_px) < 72

@@ -60,9 +60,7 @@ def test_peers_are_read_from_their_tables_when_they_were_run(lab: Lab) -> None:
 @pytest.mark.parametrize("name", ["colours", "kalman", "votes", "scale"])
 def test_small_experiments_run_and_have_numbers(lab: Lab, name: str) -> None:
     result = run_experiment(name, lab)
-    numbers = re.findall(
-        r"\d+\.\d+", " ".join(cell for t in result.tables for row in t.cells for cell in row)
-    )
+    numbers = re.findall(r"\d+\.\d+", " ".join(cell for t in result.tables for row in t.cells for cell in row))
     assert numbers
     assert all(len(row) == len(t.cells[0]) for t in result.tables for row in t.cells)
 

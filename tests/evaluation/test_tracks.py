@@ -76,9 +76,7 @@ def test_a_recording_is_scored_against_rendered_truth(recording: Path, truth: Pa
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
-def test_an_export_scores_like_its_recording(
-    recording: Path, truth: Path, tmp_path: Path, ending: str
-) -> None:
+def test_an_export_scores_like_its_recording(recording: Path, truth: Path, tmp_path: Path, ending: str) -> None:
     if ending == ".parquet":
         pytest.importorskip("pyarrow")
     out = tmp_path / f"tracks{ending}"

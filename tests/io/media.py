@@ -17,9 +17,7 @@ Image = npt.NDArray[np.uint8]
 def picture(index: int, width: int = 96, height: int = 64) -> Image:
     """Smooth colours that differ in every corner, and a green spot that tells the pictures apart."""
     y, x = np.mgrid[:height, :width]
-    image = np.stack(
-        [40 + 170 * x / width, 200 - 150 * y / height, 60 + 120 * (x + y) / (width + height)], axis=2
-    )
+    image = np.stack([40 + 170 * x / width, 200 - 150 * y / height, 60 + 120 * (x + y) / (width + height)], axis=2)
     spot = np.exp(-((x - 12 - 3 * index) ** 2 + (y - 20) ** 2) / 60)[..., None]
     return np.rint(image * (1 - spot) + np.array([30.0, 230.0, 60.0]) * spot).astype(np.uint8)
 
@@ -122,9 +120,7 @@ def growing(path: Path) -> Path:
     parts = []
     for number, size in enumerate([(96, 64), (64, 48)]):
         part = path.with_name(f"part{number}.h264")
-        parts.append(
-            video(part, 4, size=size, options={"bf": "0", "x264-params": "repeat-headers=1"}).read_bytes()
-        )
+        parts.append(video(part, 4, size=size, options={"bf": "0", "x264-params": "repeat-headers=1"}).read_bytes())
         part.unlink()
     path.write_bytes(b"".join(parts))
     return path

@@ -39,9 +39,7 @@ def estimate(marker: str, index: int, status: Status) -> MarkerEstimate:
         return MarkerEstimate(marker, index, stamp(index), status)
     if status is Status.LOST:
         return MarkerEstimate(marker, index, stamp(index), status, claim=circle.shifted(9, 4), search=search)
-    votes = tuple(
-        Vote(m, circle.shifted(0.3 * i, 0), 0.9 - 0.01 * i, 0.98 - 0.05 * i) for i, m in enumerate(MATCHERS)
-    )
+    votes = tuple(Vote(m, circle.shifted(0.3 * i, 0), 0.9 - 0.01 * i, 0.98 - 0.05 * i) for i, m in enumerate(MATCHERS))
     measured = status.measured
     return MarkerEstimate(
         marker, index, stamp(index), status,
@@ -59,22 +57,16 @@ def result(index: int, statuses: list[Status] | None = None, view: bool = False)
     statuses = statuses or [STATUSES[index % len(STATUSES)], Status.VERIFIED]
     estimates = tuple(estimate(m.name, index, s) for m, s in zip(MARKERS, statuses, strict=False))
     smoothed = tuple(
-        SmoothedPose(
-            e.marker, index, e.stamp_ns, e.xyz_cam_m + 0.001, e.covariance_m2 / 2, e.velocity_cam_mps
-        )
+        SmoothedPose(e.marker, index, e.stamp_ns, e.xyz_cam_m + 0.001, e.covariance_m2 / 2, e.velocity_cam_mps)
         for e in estimates
         if e.xyz_cam_m is not None and e.covariance_m2 is not None and e.velocity_cam_mps is not None
     )
     asked = tuple(
-        OperatorRequest(
-            e.marker, max(0, index - 1), stamp(max(0, index - 1)), index, stamp(index), "5 frames doubted"
-        )
+        OperatorRequest(e.marker, max(0, index - 1), stamp(max(0, index - 1)), index, stamp(index), "5 frames doubted")
         for e in estimates
         if e.status is Status.LOST
     )
-    return FrameResult(
-        index, stamp(index), estimates, smoothed, asked, (stage_view(estimates[0]),) if view else ()
-    )
+    return FrameResult(index, stamp(index), estimates, smoothed, asked, (stage_view(estimates[0]),) if view else ())
 
 
 def stage_view(of: MarkerEstimate) -> StageView:
@@ -85,9 +77,7 @@ def stage_view(of: MarkerEstimate) -> StageView:
     disc = np.clip(circle.r_px + 0.5 - far, 0, 1)
     patch = np.stack([70 + 20 * disc, 70 + 60 * disc, 70 + 150 * disc], axis=2).astype(np.uint8)
     angles = np.linspace(0, 2 * np.pi, 40, endpoint=False)
-    edges = np.stack(
-        [circle.x_px + circle.r_px * np.cos(angles), circle.y_px + circle.r_px * np.sin(angles)], axis=1
-    )
+    edges = np.stack([circle.x_px + circle.r_px * np.cos(angles), circle.y_px + circle.r_px * np.sin(angles)], axis=1)
     values = np.exp(-((far[:40, :40] / 12) ** 2)).astype(np.float32)
     peak = (int(values.argmax() % 40), int(values.argmax() // 40))
     responses = tuple(

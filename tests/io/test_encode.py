@@ -43,17 +43,13 @@ def test_every_frame_is_one_annex_b_picture_at_once_and_keys_carry_their_sets() 
     for encoded in out:
         assert encoded.format == "h264"
         assert encoded.data.startswith((b"\0\0\0\1", b"\0\0\1"))
-        types = [
-            part[0] & 31 for part in encoded.data.replace(b"\0\0\0\1", b"\0\0\1").split(b"\0\0\1") if part
-        ]
+        types = [part[0] & 31 for part in encoded.data.replace(b"\0\0\0\1", b"\0\0\1").split(b"\0\0\1") if part]
         assert sum(t in (1, 5) for t in types) == 1  # one slice: one picture
         assert not encoded.key or {7, 8, 5} <= set(types)
     shown = decode_one_by_one([e.data for e in out])
     assert not any(p.pict_type == 3 for p in shown)
     for index, picture in enumerate(shown):
-        bgr = picture.to_ndarray(
-            format="bgr24", src_colorspace="ITU709", src_color_range=1, dst_color_range=2
-        )
+        bgr = picture.to_ndarray(format="bgr24", src_colorspace="ITU709", src_color_range=1, dst_color_range=2)
         assert difference(bgr, media.picture(index)) < 4
     # A seek to the second key frame needs nothing before it.
     assert len(decode_one_by_one([e.data for e in out[10:]])) == 15
@@ -131,10 +127,7 @@ def test_jpeg_is_the_whole_picture() -> None:
 
 def test_write_video_is_deterministic_and_keeps_its_colours(tmp_path: Path) -> None:
     for name in ("a.mp4", "b.mp4"):
-        assert (
-            write_video(tmp_path / name, (media.picture(i) for i in range(6)), Fraction(240000, 1001), crf=5)
-            == 6
-        )
+        assert write_video(tmp_path / name, (media.picture(i) for i in range(6)), Fraction(240000, 1001), crf=5) == 6
     assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
     with VideoSource(tmp_path / "a.mp4") as source:
         assert source.passthrough_reason is None

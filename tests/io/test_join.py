@@ -77,9 +77,7 @@ def rows(topic: str, times: Sequence[int]) -> list[Row]:
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.lists(st.integers(0, 1000), max_size=60), min_size=1, max_size=4))
-def test_merging_keeps_every_message_in_order(
-    tmp_path_factory: pytest.TempPathFactory, times: list[list[int]]
-) -> None:
+def test_merging_keeps_every_message_in_order(tmp_path_factory: pytest.TempPathFactory, times: list[list[int]]) -> None:
     folder = tmp_path_factory.mktemp("merge")
     written = [rows(f"/t{k % 2}", t) for k, t in enumerate(times)]
     paths = [write(folder / f"{k}.mcap", r) for k, r in enumerate(written)]

@@ -106,9 +106,7 @@ def video(codec: str, count: int = 12, gop: int = 5, **options: str) -> list[byt
 
 
 def h264(count: int = 12, gop: int = 5) -> list[bytes]:
-    return video(
-        "libx264", count, gop, preset="ultrafast", tune="zerolatency", **{"x264-params": "repeat-headers=1"}
-    )
+    return video("libx264", count, gop, preset="ultrafast", tune="zerolatency", **{"x264-params": "repeat-headers=1"})
 
 
 # --- the four kinds of files ---
@@ -122,8 +120,7 @@ DEFINITIONS = {
     "Image": HEADER
     + "uint32 height\nuint32 width\nstring encoding # how\nuint8 is_bigendian\nuint32 step\nuint8[] data\n",
     "CompressedImage": HEADER + "uint8 SOME=1\nstring format\nuint8[] data\n",
-    "CameraInfo": HEADER
-    + "uint32 height\nuint32 width\nstring distortion_model\nfloat64[] {d}\nfloat64[9] {k}\n"
+    "CameraInfo": HEADER + "uint32 height\nuint32 width\nstring distortion_model\nfloat64[] {d}\nfloat64[9] {k}\n"
     "float64[9] {r}\nfloat64[12] {p}\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi\n",
     "CompressedVideo": "{time} timestamp\nstring frame_id\nuint8[] data\nstring format\n",
     "RawImage": "{time} timestamp\nuint32 width\nuint32 height\nstring encoding\nuint32 step\nuint8[] data\n",
@@ -194,11 +191,7 @@ def write_ros2(path: Path, entries: Iterable[Entry]) -> Path:
                 text += (CDR_HEADER if sensor else "") + CDR_TIME + (ROI if name == "CameraInfo" else "")
                 package = "sensor_msgs" if sensor else "foxglove_msgs"
                 schemas[name] = writer.register_msgdef(f"{package}/msg/{name}", text)
-            when = (
-                {"header": {"stamp": time, "frame_id": "odd"}}
-                if sensor
-                else {"timestamp": time, "frame_id": "odd"}
-            )
+            when = {"header": {"stamp": time, "frame_id": "odd"}} if sensor else {"timestamp": time, "frame_id": "odd"}
             writer.write_message(topic, schemas[name], when | fields, stamp + LATER, stamp + LATER // 2, k)
     return path
 
@@ -462,9 +455,7 @@ def test_calibrations_of_other_kinds(tmp_path: Path) -> None:
     assert nested is not None
     assert read("/c/image", "/d/calibration").calibration is None
     assert read("/c/image", "/c/calibration", k=[0.0] * 9).calibration is None
-    fisheye = read(
-        "/c/image", "/c/calibration", distortion_model="equidistant", d=[0.1, 0.2, 0.3, 0.4]
-    ).calibration
+    fisheye = read("/c/image", "/c/calibration", distortion_model="equidistant", d=[0.1, 0.2, 0.3, 0.4]).calibration
     assert fisheye is not None
     assert (fisheye.model, fisheye.distortion) == ("fisheye", (0.1, 0.2, 0.3, 0.4))
     larger = read("/c/image", "/c/calibration", width=WIDTH * 2, height=HEIGHT * 2).calibration

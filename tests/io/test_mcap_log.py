@@ -102,11 +102,7 @@ def test_every_topic_has_what_it_should(recorded):
     assert counts["/requests", "spheremcap.OperatorRequest"] == COUNT // 6
     assert counts["/log", "foxglove.Log"] == 3
     assert 0.2 * COUNT < counts["/scene", "foxglove.SceneUpdate"] < 0.3 * COUNT
-    assert (
-        counts["/tf", "foxglove.FrameTransforms"]
-        == counts["/camera/calibration", "foxglove.CameraCalibration"]
-        == 1
-    )
+    assert counts["/tf", "foxglove.FrameTransforms"] == counts["/camera/calibration", "foxglove.CameraCalibration"] == 1
 
 
 def test_annotations_are_in_step_with_the_pictures_and_each_decodes_at_once(recorded):
@@ -143,9 +139,7 @@ def test_the_same_input_gives_the_same_bytes(recorded, tmp_path):
 @pytest.mark.parametrize("compression", ["lz4", "none"])
 def test_other_compressions_and_jpeg(compression, tmp_path):
     jpeg = [EncodedPicture(b"\xff\xd8 a jpeg", "jpeg", True)] * 3
-    found, _ = read(
-        write(tmp_path / "o.mcap", 3, jpeg, compression=compression, topics=Topics("/left", "/left"))
-    )
+    found, _ = read(write(tmp_path / "o.mcap", 3, jpeg, compression=compression, topics=Topics("/left", "/left")))
     assert Counter(topic for topic, *_ in found)["/left/image"] == 3
     assert {topic.split("/")[1] for topic, *_ in found} == {"left"}
 
@@ -206,9 +200,7 @@ def test_an_interruption_leaves_a_readable_part_and_no_final_name(stop, tmp_path
 
 def test_a_full_disk_is_one_line_and_what_fitted_is_readable(tmp_path):
     out = tmp_path / "o.mcap"
-    noise = [
-        EncodedPicture(bytes((i * 37 + j * j) % 251 for j in range(70_000)), "jpeg", True) for i in range(5)
-    ]
+    noise = [EncodedPicture(bytes((i * 37 + j * j) % 251 for j in range(70_000)), "jpeg", True) for i in range(5)]
 
     def fill():
         with McapLog(out, camera=None, markers=MARKERS, compression="none") as log:
@@ -226,10 +218,7 @@ def test_a_full_disk_is_one_line_and_what_fitted_is_readable(tmp_path):
     assert "\n" not in str(raised.value)
     assert not out.exists()
     with out.with_name("o.mcap.part").open("rb") as file:
-        kept = [
-            c.topic
-            for _, c, _ in NonSeekingReader(file, validate_crcs=True).iter_messages(log_time_order=False)
-        ]
+        kept = [c.topic for _, c, _ in NonSeekingReader(file, validate_crcs=True).iter_messages(log_time_order=False)]
     assert kept.count("/camera/image") > 20
 
 
@@ -263,9 +252,7 @@ def test_two_cameras_go_into_one_writer_that_somebody_else_has_open(tmp_path):
     writer = Writer(str(path))
     writer.start(library="mine")
     own = writer.register_channel("/mine", "json", 0)
-    logs = [
-        McapLog(writer, camera=CAMERA, markers=MARKERS, topics=Topics(name, name)) for name in ("/a", "/b")
-    ]
+    logs = [McapLog(writer, camera=CAMERA, markers=MARKERS, topics=Topics(name, name)) for name in ("/a", "/b")]
     for index in range(6):
         writer.add_message(own, stamp(index), b"{}", stamp(index), index)
         for log in logs:

@@ -52,9 +52,7 @@ def read(tmp_path: Path, data: bytes) -> tuple[list[Key], McapRecords]:
     path = tmp_path / "file.mcap"
     path.write_bytes(data)
     with McapRecords(path) as records:
-        found = [
-            (m.channel.topic, m.sequence, m.log_time, m.publish_time, m.data) for m in records.messages()
-        ]
+        found = [(m.channel.topic, m.sequence, m.log_time, m.publish_time, m.data) for m in records.messages()]
         assert sum(records.counts.values()) >= len(found)
         assert [f[2] for f in found] == sorted(f[2] for f in found)
     return found, records
@@ -151,9 +149,7 @@ def _messages_in(data: bytes, record: tuple[int, int, int]) -> list[int]:
     position = record[2]
     while data[position] == 7:
         length = struct.unpack_from("<Q", data, position + 1)[0]
-        times += [
-            struct.unpack_from("<Q", data, position + 15 + 16 * k)[0] for k in range((length - 6) // 16)
-        ]
+        times += [struct.unpack_from("<Q", data, position + 15 + 16 * k)[0] for k in range((length - 6) // 16)]
         position += 9 + length
     return times
 

@@ -127,12 +127,8 @@ def test_the_optical_frame_looks_along_the_cameras_x_axis():
 
 def test_the_scene_has_spheres_of_true_size_and_pale_estimates():
     trail = [[np.zeros(3)], [np.zeros(3), np.ones(3)]]
-    solid = messages.scene_entity(
-        estimate("left_wrist", 1, Status.VERIFIED), MARKERS[0], 0, trail, "camera_optical"
-    )
-    pale = messages.scene_entity(
-        estimate("left_wrist", 1, Status.ESTIMATED), MARKERS[0], 0, [], "camera_optical"
-    )
+    solid = messages.scene_entity(estimate("left_wrist", 1, Status.VERIFIED), MARKERS[0], 0, trail, "camera_optical")
+    pale = messages.scene_entity(estimate("left_wrist", 1, Status.ESTIMATED), MARKERS[0], 0, [], "camera_optical")
     assert solid.spheres[0].size.x == 0.04
     assert solid.id == "left_wrist"
     assert [len(line.points) for line in solid.lines] == [2]

@@ -168,9 +168,7 @@ def test_a_summary_counts_statuses_gaps_and_requests(whole):
     summary = recording.summarise(whole)
     wrist, elbow = summary.markers
     assert (wrist.marker, wrist.frames) == ("left_wrist", COUNT)
-    assert wrist.frames_by_status == {
-        s.value: COUNT // 6 * (2 if s is Status.VERIFIED else 1) for s in Status
-    }
+    assert wrist.frames_by_status == {s.value: COUNT // 6 * (2 if s is Status.VERIFIED else 1) for s in Status}
     assert (wrist.longest_gap_frames, wrist.longest_gap_s) == (3, pytest.approx(4 * PERIOD_NS / 1e9))
     assert len(wrist.requests) == COUNT // 6
     assert (elbow.longest_gap_frames, elbow.longest_gap_s, elbow.requests) == (0, 0.0, ())
@@ -211,12 +209,7 @@ def test_the_layout_names_the_recordings_topics_and_only_panels_it_has():
             walk(node["first"]), walk(node["second"])
 
     walk(made["layout"])
-    tabs = [
-        tab["layout"]
-        for name, p in made["configById"].items()
-        if name.startswith("Tab!")
-        for tab in p["tabs"]
-    ]
+    tabs = [tab["layout"] for name, p in made["configById"].items() if name.startswith("Tab!") for tab in p["tabs"]]
     assert used | set(tabs) == set(made["configById"])
     picture = made["configById"]["Image!picture"]
     assert picture["imageMode"]["imageTopic"] == topics.video

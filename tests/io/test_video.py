@@ -85,9 +85,7 @@ def test_every_pixel_format_gives_the_colours_ffmpeg_gives(
     for frame, expected in zip(got, ffmpeg_pictures(path, "ITU601", False), strict=True):
         off = difference(frame.full, expected)
         assert off.mean() < 1.5, pixel_format
-        assert (
-            difference(frame.full, media.picture(frame.index)).mean() < 4
-        )  # and the colours are the true ones
+        assert difference(frame.full, media.picture(frame.index)).mean() < 4  # and the colours are the true ones
 
 
 @pytest.mark.parametrize(
@@ -157,9 +155,7 @@ def check_patches(frame: Frame) -> None:
 
 @pytest.mark.parametrize(("turn", "clockwise"), [(0, 0), (90, 270), (180, 180), (-90, 90)])
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_rotated_and_mirrored_video_is_upright(
-    tmp_path: Path, turn: int, clockwise: int, mirrored: bool
-) -> None:
+def test_rotated_and_mirrored_video_is_upright(tmp_path: Path, turn: int, clockwise: int, mirrored: bool) -> None:
     path = media.rotated(tmp_path / "v.mp4", turn, **({"hflip": True} if mirrored else {}))
     got, source = frames(path)
     stored = ffmpeg_pictures(path, "ITU601", False)[0]
@@ -481,9 +477,7 @@ def test_a_truncated_transport_stream_is_reported(tmp_path: Path) -> None:
 
 def test_garbage_packets_are_skipped_and_counted(tmp_path: Path) -> None:
     got, source = frames(media.bad_packets(tmp_path / "v.avi", bad=(4, 7)))
-    assert [f.stamp_ns for f in got] == [
-        ticks_to_ns(i, Fraction(1, 30)) for i in range(12) if i not in (4, 7)
-    ]
+    assert [f.stamp_ns for f in got] == [ticks_to_ns(i, Fraction(1, 30)) for i in range(12) if i not in (4, 7)]
     assert [f.index for f in got] == list(range(10))
     assert source.lost.undecodable == 2
     assert source.lost.stopped is None
@@ -515,9 +509,7 @@ def test_ffmpeg_says_nothing_of_its_own(tmp_path: Path) -> None:
     assert done.stdout + done.stderr == ""
 
 
-@pytest.mark.parametrize(
-    "name", ["green_ball_toss.mp4", "red_pendulum_portrait.mp4", "yellow_ball_occluded.avi"]
-)
+@pytest.mark.parametrize("name", ["green_ball_toss.mp4", "red_pendulum_portrait.mp4", "yellow_ball_occluded.avi"])
 def test_real_clips_read_whole(name: str) -> None:
     if not (REAL / name).exists():
         pytest.skip("the real clips are not here")

@@ -71,9 +71,7 @@ def test_twenty_ppm_over_ten_minutes_is_twelve_milliseconds() -> None:
     ppb=st.integers(-(10**6), 10**6),
     anchor=st.integers(0, 2**62),
 )
-def test_the_mapping_is_exact_and_keeps_order(
-    stamp: int, later: int, offset: int, ppb: int, anchor: int
-) -> None:
+def test_the_mapping_is_exact_and_keeps_order(stamp: int, later: int, offset: int, ppb: int, anchor: int) -> None:
     clock = Clock(offset, Fraction(ppb, 10**9), anchor)
     exact = stamp + offset + Fraction(ppb, 10**9) * (stamp - anchor)
     assert abs(clock(stamp) - exact) <= Fraction(1, 2)

@@ -73,9 +73,7 @@ def test_merge_finds_the_clock_and_writes_the_residuals(
     assert len(back.tracks["left_wrist"]) == len(made.stamp_ns)
 
 
-def test_sync_says_what_to_add_and_merge_takes_it(
-    made: Session, inputs: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_sync_says_what_to_add_and_merge_takes_it(made: Session, inputs: tuple[Path, Path], tmp_path: Path) -> None:
     video, imu = inputs
     merge([Source(video), Source(imu, name="wrist")], tmp_path / "rough.mcap")
     sync = sync_recording(tmp_path / "rough.mcap", "left_wrist", "wrist")

@@ -61,9 +61,7 @@ def test_ngimu_session_folder(tmp_path: Path) -> None:
         text(folder / "Settings.txt", "[settings]", "rate=400")
     logs = {log.name: log for log in read_sensors(tmp_path / "My Session", name="session")}
     assert set(logs) == {
-        f"session_ngimu_{d}{f}"
-        for d in ("blue_0029d0b4", "red_0029b94a")
-        for f in ("", "_quaternion", "_temperature")
+        f"session_ngimu_{d}{f}" for d in ("blue_0029d0b4", "red_0029b94a") for f in ("", "_quaternion", "_temperature")
     }
     log = logs["session_ngimu_blue_0029d0b4"]
     check_imu(log, [G, 0, -2 * G], [np.pi, 0, -np.pi / 2])
@@ -162,9 +160,7 @@ def test_movesense_streams(tmp_path: Path) -> None:
         tmp_path / "20250601T100000Z_1234_acc_stream.csv",
         "Timestamp,Acc_X, Acc_Y, Acc_Z", "1000,1,2,3", "1009.6,1,2,3",
     )  # fmt: skip
-    gyro = text(
-        tmp_path / "x_gyro_stream.csv", "Timestamp,Gyro_X, Gyro_Y, Gyro_Z", "1000,90,0,0", "1010,90,0,0"
-    )
+    gyro = text(tmp_path / "x_gyro_stream.csv", "Timestamp,Gyro_X, Gyro_Y, Gyro_Z", "1000,90,0,0", "1010,90,0,0")
     check_imu(one(acc), [1, 2, 3])
     assert one(acc).stamp_ns.tolist() == [1_000_000_000, 1_009_600_000]
     assert np.allclose(one(gyro).values["angular_velocity.x"], np.pi / 2)
@@ -265,9 +261,7 @@ def test_mappings_that_are_wrong_are_named(tmp_path: Path, toml: str, message: s
 
 
 def test_any_table_becomes_a_record(tmp_path: Path) -> None:
-    log = one(
-        text(tmp_path / "power.csv", "Time (s),Power (W),Note,Heart rate (bpm)", "0,250,a,150", "1,,b,151")
-    )
+    log = one(text(tmp_path / "power.csv", "Time (s),Power (W),Note,Heart rate (bpm)", "0,250,a,150", "1,,b,151"))
     assert log.kind == "record"
     assert sorted(log.values) == ["heart_rate_bpm", "power_w"]
     assert np.isnan(log.values["power_w"][1])
@@ -429,9 +423,7 @@ def test_clipping_is_found_without_a_range(tmp_path: Path) -> None:
 
 def test_merged_sensors_read_back(tmp_path: Path) -> None:
     imu = one(
-        text(
-            tmp_path / "imu.csv", f"Time (s),{XIO}", "0,180,0,0,0,0,1", "0.5,180,0,0,,0,1", "1,180,0,0,0,0,1"
-        ),
+        text(tmp_path / "imu.csv", f"Time (s),{XIO}", "0,180,0,0,0,0,1", "0.5,180,0,0,,0,1", "1,180,0,0,0,0,1"),
         name="imu_left_wrist",
     )
     wheel = one(text(tmp_path / "sw.csv", *(smartwheel_row(k, k) for k in range(5))), rate_hz=200)

@@ -38,9 +38,7 @@ def test_constant_velocity_without_noise_is_followed_exactly():
     velocity, start = np.array([1.5, -0.7, 3.0]), np.array([0.1, 0.2, 1.4])
     stamps = [k * PERIOD_NS for k in range(200)]
     measured = [start + velocity * s / NS_PER_S for s in stamps]
-    moments = run(
-        stamps, measured, KalmanConfig(acceleration_mps2=1e-6, start_speed_mps=100.0), r=np.eye(3) * 1e-12
-    )
+    moments = run(stamps, measured, KalmanConfig(acceleration_mps2=1e-6, start_speed_mps=100.0), r=np.eye(3) * 1e-12)
     np.testing.assert_allclose(moments[-1].velocity_cam_mps, velocity, rtol=1e-5)
     np.testing.assert_allclose(moments[-1].xyz_cam_m, measured[-1], atol=1e-8)
 
@@ -73,9 +71,7 @@ def test_dt_comes_from_the_stamps():
     velocity = np.array([1.0, 0, 0])
     stamps = np.cumsum([0, *rng.choice([10**6, 4 * 10**6, 4 * 10**7], 150)]).tolist()
     measured = [velocity * s / NS_PER_S + (0, 0, 1) for s in stamps]
-    moments = run(
-        stamps, measured, KalmanConfig(acceleration_mps2=0.01, start_speed_mps=10), r=np.eye(3) * 1e-8
-    )
+    moments = run(stamps, measured, KalmanConfig(acceleration_mps2=0.01, start_speed_mps=10), r=np.eye(3) * 1e-8)
     np.testing.assert_allclose(moments[-1].velocity_cam_mps, velocity, atol=1e-3)
 
 
@@ -223,9 +219,7 @@ def errors(moments, truth):
 def test_smoothing_lowers_the_error_of_position_and_velocity():
     truth, moments = noisy_run()
     smoothed = smooth(moments, KalmanConfig().acceleration_mps2)
-    assert np.sqrt((errors(smoothed, truth) ** 2).mean()) < 0.85 * np.sqrt(
-        (errors(moments, truth) ** 2).mean()
-    )
+    assert np.sqrt((errors(smoothed, truth) ** 2).mean()) < 0.85 * np.sqrt((errors(moments, truth) ** 2).mean())
     true_velocity = np.gradient(truth, PERIOD_NS / NS_PER_S, axis=0)[5:-5]
     velocity_error = [
         np.linalg.norm(np.array([m.velocity_cam_mps for m in ms])[5:-5] - true_velocity, axis=1).mean()

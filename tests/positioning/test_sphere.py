@@ -71,9 +71,7 @@ def test_a_spheres_image_is_the_ellipse_of_the_closed_form(degrees):
     xyz = off_axis(degrees)
     flat = PLAIN.normalise(outline_px(xyz, R, PLAIN, 720))
     centre, minor, major = exact_ellipse(xyz, R)
-    assert (flat[:, 0].max() - flat[:, 0].min()) / 2 == pytest.approx(
-        major, rel=1e-4
-    )  # stretched away from the axis
+    assert (flat[:, 0].max() - flat[:, 0].min()) / 2 == pytest.approx(major, rel=1e-4)  # stretched away from the axis
     assert (flat[:, 1].max() - flat[:, 1].min()) / 2 == pytest.approx(minor, rel=1e-4)
     assert (flat[:, 0].max() + flat[:, 0].min()) / 2 == pytest.approx(centre[0], abs=1e-6)
     # docs/method.md 4a turned round
@@ -127,9 +125,7 @@ def test_penne_finds_the_exact_centre_from_the_exact_area_and_centre(xyz, radius
     """docs/method.md 4b: the cubic has one positive root, b squared."""
     centre, minor, major = exact_ellipse(xyz, radius)
     f = PLAIN.fx_px
-    circle = Circle(
-        PLAIN.cx_px + f * centre[0], PLAIN.cy_px + f * centre[1], f * float(np.sqrt(minor * major))
-    )
+    circle = Circle(PLAIN.cx_px + f * centre[0], PLAIN.cy_px + f * centre[1], f * float(np.sqrt(minor * major)))
     np.testing.assert_allclose(sphere_of_circle(circle, radius, PLAIN), xyz, rtol=1e-9, atol=1e-9)
 
 
@@ -305,8 +301,7 @@ def test_worse_edges_than_stated_widen_the_covariance():
     sizes = []
     for factor in (1, 5):
         fits = [
-            fit_sphere(noisy(outline_rays(xyz, R, 72), factor * sd, rng), np.full(72, sd), R, xyz)
-            for _ in range(20)
+            fit_sphere(noisy(outline_rays(xyz, R, 72), factor * sd, rng), np.full(72, sd), R, xyz) for _ in range(20)
         ]
         sizes.append(np.mean([np.sqrt(np.trace(f.covariance_m2)) for f in fits]))
     assert sizes[1] > 2 * sizes[0]

@@ -60,9 +60,7 @@ def test_ellipse_of_a_dense_polygon_is_that_ellipse():
     phi = np.arange(256) * 2 * np.pi / 256
     x, y = 30 * np.cos(phi), 20 * np.sin(phi)
     turn = 0.4
-    points = np.stack(
-        [x * np.cos(turn) - y * np.sin(turn) + 700, x * np.sin(turn) + y * np.cos(turn) + 50], axis=1
-    )
+    points = np.stack([x * np.cos(turn) - y * np.sin(turn) + 700, x * np.sin(turn) + y * np.cos(turn) + 50], axis=1)
     ellipse, circle = polygon_ellipse(points)
     found = (ellipse.x_px, ellipse.y_px, ellipse.a_px, ellipse.b_px, ellipse.angle_rad)
     np.testing.assert_allclose(found, (700, 50, 30, 20, turn), rtol=1e-8)

@@ -127,6 +127,4 @@ def test_no_feature_grows_beyond_the_truncation():
 def test_the_strongest_channel_counts():
     gray = smooth_picture(channels=1)
     faint = gray // 4 + 60
-    np.testing.assert_allclose(
-        hog(np.concatenate([faint, gray, faint], axis=2), CELL), hog(gray, CELL), atol=1e-6
-    )
+    np.testing.assert_allclose(hog(np.concatenate([faint, gray, faint], axis=2), CELL), hog(gray, CELL), atol=1e-6)

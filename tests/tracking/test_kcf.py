@@ -32,9 +32,7 @@ def shifted(patch, dx, dy):
     """The whole picture moved by (dx, dy)."""
     m = np.array([[1, 0, dx], [0, 1, dy]], np.float64)
     height, width = patch.bgr.shape[:2]
-    image = cv2.warpAffine(
-        patch.bgr, m, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
-    )
+    image = cv2.warpAffine(patch.bgr, m, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     return whole(BgrFrame(1, 0, image))
 
 
@@ -64,9 +62,7 @@ def test_any_shift_within_the_window_is_found_to_a_third_of_a_cell(kernel):
     assert worst_shift_cells(kernel) < 0.33
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a parabola through a Gaussian peak 0.64 cells wide is drawn to whole cells"
-)
+@pytest.mark.xfail(strict=True, reason="a parabola through a Gaussian peak 0.64 cells wide is drawn to whole cells")
 def test_any_shift_within_the_window_is_found_to_a_seventh_of_a_cell():
     assert worst_shift_cells("gaussian") < 0.15
 

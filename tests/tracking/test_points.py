@@ -79,9 +79,7 @@ def test_a_ball_that_comes_nearer_before_a_still_background_grows(ratio):
 def test_one_step_is_clamped(ratio, expected):
     image = picture(BALL, noise=1.0)
     config = PointsConfig(max_step=0.02)
-    assert geometry_scale(
-        whole(image), CIRCLE, whole(resized(image, ratio)), CIRCLE, config
-    ) == pytest.approx(expected)
+    assert geometry_scale(whole(image), CIRCLE, whole(resized(image, ratio)), CIRCLE, config) == pytest.approx(expected)
 
 
 def test_there_is_no_ratio_where_there_is_nothing_to_follow():

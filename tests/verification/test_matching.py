@@ -52,9 +52,7 @@ def test_maps_of_the_definition_written_out():
                 (f0 * w0).sum() / np.sqrt((f0 * f0).sum() * (w0 * w0).sum()), abs=1e-5
             )
             assert maps["SQDIFF"][v, u] == pytest.approx(((f - w) ** 2).sum(), rel=1e-4)
-            assert maps["SQDIFF_NORMED"][v, u] == pytest.approx(
-                min(1, ((f - w) ** 2).sum() / energy), abs=1e-5
-            )
+            assert maps["SQDIFF_NORMED"][v, u] == pytest.approx(min(1, ((f - w) ** 2).sum() / energy), abs=1e-5)
 
 
 def test_sad_is_the_sum_of_absolute_differences():
@@ -163,9 +161,7 @@ def test_coordinates_are_the_images_not_the_patches():
     for window in (Window(0, 0, 200, 160), Window(70, 50, 61, 61)):
         patch = Patch(frame, window)
         template = make_template(patch, circle, MatchingConfig())
-        answers.append(
-            [m.circle for m in match(template, patch, circle.shifted(2, 1), 6.0, MatchingConfig())]
-        )
+        answers.append([m.circle for m in match(template, patch, circle.shifted(2, 1), 6.0, MatchingConfig())])
     for a, b in zip(*answers, strict=True):
         assert a.distance(b) < 1e-3
 

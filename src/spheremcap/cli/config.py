@@ -14,9 +14,7 @@ app = typer.Typer(no_args_is_help=True, help="Show the settings and the camera p
 
 @app.command()
 def show(
-    settings: Annotated[
-        Path | None, typer.Argument(help="A settings file; without one, the defaults.")
-    ] = None,
+    settings: Annotated[Path | None, typer.Argument(help="A settings file; without one, the defaults.")] = None,
 ) -> None:
     """Print every settings key with its value, as TOML that `track --settings` reads."""
     chosen = load_settings(settings) if settings is not None else Settings()

@@ -7,14 +7,10 @@ import typer
 
 
 def evaluate(
-    tracks: Annotated[
-        Path, typer.Argument(help="A recording (.mcap), or an exported table (.csv, .parquet).")
-    ],
+    tracks: Annotated[Path, typer.Argument(help="A recording (.mcap), or an exported table (.csv, .parquet).")],
     truth: Annotated[
         Path,
-        typer.Option(
-            "--truth", help="CSV: a rendered truth.csv, or frame,x,y,r[,err_px][,marker][,visible]."
-        ),
+        typer.Option("--truth", help="CSV: a rendered truth.csv, or frame,x,y,r[,err_px][,marker][,visible]."),
     ],
     marker: Annotated[
         str | None, typer.Option("--marker", help="Score this one only; says whose a truth without names is.")

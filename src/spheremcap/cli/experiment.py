@@ -11,9 +11,7 @@ from spheremcap.errors import UsageError
 def experiment(
     name: Annotated[
         str,
-        typer.Argument(
-            help="Which one; `list` prints them all, `report` runs what is missing and writes report.html."
-        ),
+        typer.Argument(help="Which one; `list` prints them all, `report` runs what is missing and writes report.html."),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of sessions and results.")] = Path(
         "experiments"
@@ -24,12 +22,8 @@ def experiment(
     clips: Annotated[
         Path | None, typer.Option("--clips", help="Folder of real clips, each with a CSV of its name.")
     ] = None,
-    only: Annotated[
-        list[str] | None, typer.Option("--only", help="Only this scenario; as often as needed.")
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Small, for a first look; the numbers mean little.")
-    ] = False,
+    only: Annotated[list[str] | None, typer.Option("--only", help="Only this scenario; as often as needed.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Small, for a first look; the numbers mean little.")] = False,
     again: Annotated[bool, typer.Option("--again", help="With report: run all of them anew.")] = False,
 ) -> None:
     """Run an experiment on rendered sessions (made when missing), print its tables, keep them and its plots."""

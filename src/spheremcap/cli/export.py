@@ -12,9 +12,7 @@ from spheremcap.io.export import export_tracks
 def export(
     recording: Annotated[Path, typer.Argument(help="An MCAP that `track` wrote.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="tracks.csv or tracks.parquet")],
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the output when it exists.")
-    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
 ) -> None:
     """Write every marker's track as CSV or Parquet: a row per frame and marker, empty where there is no value."""
     done = export_tracks(recording, output, overwrite)

@@ -20,12 +20,8 @@ def info(file: Annotated[Path, typer.Argument(help="Any MCAP; one of ours says t
     if summary.markers:
         table = Table("marker", "frames", "by status", "longest gap", "requests", box=None, pad_edge=False)
         for m in summary.markers:
-            by_status = ", ".join(
-                f"{count} {name.lower()}" for name, count in m.frames_by_status.items() if count
-            )
-            gap = (
-                f"{m.longest_gap_frames} frames, {m.longest_gap_s:.3f} s" if m.longest_gap_frames else "none"
-            )
+            by_status = ", ".join(f"{count} {name.lower()}" for name, count in m.frames_by_status.items() if count)
+            gap = f"{m.longest_gap_frames} frames, {m.longest_gap_s:.3f} s" if m.longest_gap_frames else "none"
             table.add_row(m.marker, str(m.frames), by_status, gap, str(len(m.requests)))
         console.print(table)
         for m in summary.markers:
@@ -45,9 +41,7 @@ def info(file: Annotated[Path, typer.Argument(help="Any MCAP; one of ours says t
 
 
 def _head(summary: Summary) -> list[str]:
-    lines = [
-        f"{summary.path}: {summary.size_bytes / 1e6:.1f} MB, written by {summary.library or 'an unnamed library'}"
-    ]
+    lines = [f"{summary.path}: {summary.size_bytes / 1e6:.1f} MB, written by {summary.library or 'an unnamed library'}"]
     if summary.start_ns is not None and summary.end_ns is not None:
         lines.append(
             f"from {format_time(summary.start_ns)} to {format_time(summary.end_ns)} ({summary.duration_s:.3f} s)"

@@ -56,13 +56,9 @@ def merge(
     ] = None,
     prefix: Annotated[
         list[str] | None,
-        typer.Option(
-            "--prefix", metavar="NAME=TOPIC", help="Put an MCAP's topics under another: second=/right"
-        ),
+        typer.Option("--prefix", metavar="NAME=TOPIC", help="Put an MCAP's topics under another: second=/right"),
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the output when it exists.")
-    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
 ) -> None:
     """Merge recordings and sensor files by log time; the inputs stay as they are, and nothing is lost.
 
@@ -140,9 +136,7 @@ def _by_name(
         if not equals and for_all:
             values = dict.fromkeys(names, parse(text)) | values
         elif name not in names or not value:
-            raise UsageError(
-                f"{flag} {text}: expected NAME=VALUE with the name of an input: {', '.join(names)}"
-            )
+            raise UsageError(f"{flag} {text}: expected NAME=VALUE with the name of an input: {', '.join(names)}")
         else:
             values[name] = parse(value)
     return values

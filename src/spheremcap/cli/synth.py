@@ -12,16 +12,10 @@ from spheremcap.errors import OutputError, UsageError
 
 def synth(
     scenario: Annotated[str, typer.Argument(help="Which one; `list` prints them all.")],
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Folder to write, made when missing.")
-    ] = None,
-    frames: Annotated[
-        int | None, typer.Option("--frames", min=2, help="How many frames instead of its own.")
-    ] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder to write, made when missing.")] = None,
+    frames: Annotated[int | None, typer.Option("--frames", min=2, help="How many frames instead of its own.")] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Another draw of the same scenario.")] = 0,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Write into a folder that has a session.")
-    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Write into a folder that has a session.")] = False,
 ) -> None:
     """Render a racing session with exact truth: session.mp4, truth.csv, settings.toml and seeds.toml."""
     from spheremcap.synth import describe, names, render  # its pictures take a moment to load

@@ -19,9 +19,7 @@ _NO_TIME = "is neither ISO 8601 such as 2025-06-01T10:00:00Z nor Unix seconds"
 
 
 def track(
-    source: Annotated[
-        Path, typer.Argument(help="Session video: anything FFmpeg reads; or an MCAP with pictures.")
-    ],
+    source: Annotated[Path, typer.Argument(help="Session video: anything FFmpeg reads; or an MCAP with pictures.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The MCAP to write.")],
     settings: Annotated[
         Path | None,
@@ -50,9 +48,7 @@ def track(
         Literal["none", "crops", "full"] | None,
         typer.Option("--debug-images", help="Pictures of why a frame was doubted. (by default crops)"),
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the output when it exists.")
-    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
     topic: Annotated[
         list[str] | None,
         typer.Option(
@@ -133,9 +129,7 @@ def track(
         )
         print(f"{name}: {parts}")
     if report.requests:
-        print(
-            f"{report.requests} request{'s' * (report.requests != 1)} for a person: see `spheremcap info {output}`"
-        )
+        print(f"{report.requests} request{'s' * (report.requests != 1)} for a person: see `spheremcap info {output}`")
     for line in report.lost:
         print(f"spheremcap: {line}", file=sys.stderr)
     if report.stopped:

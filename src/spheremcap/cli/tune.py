@@ -19,20 +19,14 @@ def _root() -> None:
 @app.command("hough")
 def hough(
     video: Annotated[Path, typer.Argument(help="A video whose circles are known.")],
-    truth: Annotated[
-        Path, typer.Option("--truth", help="CSV: a rendered truth.csv, or frame,x,y,r by hand.")
-    ],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="TOML to write; `track --settings` reads it.")
-    ],
+    truth: Annotated[Path, typer.Option("--truth", help="CSV: a rendered truth.csv, or frame,x,y,r by hand.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="TOML to write; `track --settings` reads it.")],
     settings: Annotated[
         Path | None, typer.Option("--settings", "-s", help="TOML that all other keys are taken from.")
     ] = None,
     draws: Annotated[int, typer.Option("--draws", min=0, help="Random points to try after the grid.")] = 200,
     grid: Annotated[bool, typer.Option("--grid/--no-grid", help="Try a grid of points first.")] = True,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the output when it exists.")
-    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
 ) -> None:
     """Find the Hough transform's (dp, minDist, param1, param2) with the least mean error (eq 2.19)."""
     from spheremcap.evaluation.hough_tuning import THESIS, tune_hough

@@ -73,11 +73,12 @@ def find_edges(
     """
     count = len(outline_px)
     local = outline_px - (patch.window.x, patch.window.y)
-    tangent = np.roll(local, -1, axis=0) - np.roll(local, 1, axis=0)
+    ring = np.concatenate([local[-1:], local, local[:1]])
+    tangent = ring[2:] - ring[:-2]
+    tangent /= np.sqrt((tangent * tangent).sum(axis=1, keepdims=True))
     normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
 
-    across, along = normal @ blur_px, tangent @ blur_px / np.linalg.norm(tangent, axis=1)
+    across, along = normal @ blur_px, tangent @ blur_px
     sigma = config.blur_sigma_px + 0.5 * config.chroma_sigma_px
     margin = sigma + 0.2
     half_blur = np.abs(across) / 2
@@ -111,7 +112,7 @@ def find_edges(
     within = 0.25 * _scatter(colour_out[inside]) + 0.2 * _scatter(samples[deep & inside[:, None]])
     difference = reference - colour_out
     direction = np.linalg.solve(within + np.eye(3) * config.balance**2, difference.T).T
-    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
+    direction /= np.sqrt(np.maximum((direction * direction).sum(axis=1, keepdims=True), 1e-24))
     profile = np.einsum("nmc,nc->nm", samples, direction)  # (N, M)
 
     shift = np.arange(-np.ceil(reach_px / fine), np.ceil(reach_px / fine) + 1) * fine  # (K,)

@@ -57,12 +57,8 @@ def accuracy(lab: Lab) -> Result:
         for marker, one, compared in _by_marker(trial, scores):
             rows[marker] = one
             said = Counter(e.status for e in run.estimates if e.marker == compared.marker)
-            statuses.append(
-                [marker, *(f"{100 * said[s] / said.total():.1f}" for s in Status), str(said.total())]
-            )
-            back = [
-                f"{frame} (+{'never' if wait is None else wait})" for frame, wait in reacquisitions(compared)
-            ]
+            statuses.append([marker, *(f"{100 * said[s] / said.total():.1f}" for s in Status), str(said.total())])
+            back = [f"{frame} (+{'never' if wait is None else wait})" for frame, wait in reacquisitions(compared)]
             faults.append(
                 [
                     marker,
@@ -77,9 +73,7 @@ def accuracy(lab: Lab) -> Result:
         axes = figure.subplots(1, 2, sharey=True)
         names = list(rows)
         places = np.arange(len(names))
-        values = [
-            100 - (one.accuracy_pct if one.accuracy_pct is not None else np.nan) for one in rows.values()
-        ]
+        values = [100 - (one.accuracy_pct if one.accuracy_pct is not None else np.nan) for one in rows.values()]
         axes[0].barh(places, values, color="tab:blue")
         axes[0].set_yticks(places, names, fontsize=7)
         axes[0].invert_yaxis()
@@ -280,8 +274,7 @@ def ablation(lab: Lab) -> Result:
     return Result(
         "ablation",
         "What each stage is worth",
-        "Each session once through, alone, with one stage taken out. Averages are over sessions, counts "
-        "are sums.",
+        "Each session once through, alone, with one stage taken out. Averages are over sessions, counts are sums.",
         "spheremcap experiment ablation",
         (Table("All sessions", cells), Table("Where: failures + false accepts", where)),
     )

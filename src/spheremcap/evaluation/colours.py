@@ -87,8 +87,7 @@ def _learn_and_count(trial: Trial, most: int) -> list[tuple[str, Image, Counts, 
     truth = {(row.marker, row.frame_index): row for row in trial.truth}
     first = {seed.marker: seed for seed in reversed(trial.seeds)}
     wanted = {
-        name: [r.frame_index for r in trial.truth if r.marker == name and r.visible == 1.0]
-        for name in trial.markers
+        name: [r.frame_index for r in trial.truth if r.marker == name and r.visible == 1.0] for name in trial.markers
     }
     some = {name: set(frames[:: max(1, len(frames) // most)]) for name, frames in wanted.items()}
     learnt: dict[str, tuple[Image, Image]] = {}

@@ -54,9 +54,7 @@ class Tuned:
     grid_size: int
 
 
-def hough_samples(
-    frames: Iterable[Frame], truth: Sequence[TruthRow], most: int = 240, seed: int = 0
-) -> list[Sample]:
+def hough_samples(frames: Iterable[Frame], truth: Sequence[TruthRow], most: int = 240, seed: int = 0) -> list[Sample]:
     """Patches around true circles of visible markers, at most `most`, evenly over the frames.
 
     The marker lies up to half a radius off the patch's centre and the expected radius is up to 5 % off, as
@@ -109,8 +107,7 @@ def tune(
     if grid:
         meshes = np.meshgrid(*GRID.values(), indexing="ij")
         points += [
-            dict(zip(GRID, map(float, point), strict=True))
-            for point in zip(*map(np.ravel, meshes), strict=True)
+            dict(zip(GRID, map(float, point), strict=True)) for point in zip(*map(np.ravel, meshes), strict=True)
         ]
     tried: list[tuple[dict[str, float], float]] = []
     total = len(points) + draws
@@ -128,10 +125,7 @@ def tune(
 
 
 def _draw(rng: np.random.Generator) -> dict[str, float]:
-    low_high = {
-        name: (np.log(a), np.log(b)) if name.startswith("param") else (a, b)
-        for name, (a, b) in RANGES.items()
-    }
+    low_high = {name: (np.log(a), np.log(b)) if name.startswith("param") else (a, b) for name, (a, b) in RANGES.items()}
     drawn = {name: float(rng.uniform(a, b)) for name, (a, b) in low_high.items()}
     return {name: round(float(np.exp(v)) if name.startswith("param") else v, 3) for name, v in drawn.items()}
 

@@ -36,9 +36,7 @@ def gain_lut(gain: float) -> Lut:
     """(256,) what an 8-bit sRGB value becomes when `gain` times the light comes in; clips at 255."""
     code = np.arange(256) / 255
     linear = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4) * gain
-    again = np.where(
-        linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055
-    )
+    again = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
     return np.asarray(np.rint(255 * np.clip(again, 0, 1)), np.uint8)
 
 
@@ -67,9 +65,7 @@ def illumination(lab: Lab) -> Result:
         rows = [["level", *colours, "mean", "measured, mean %"]]
         for k, level in enumerate(levels):
             each = [f"{v:.2f}" for v in values[:, k, 0]]
-            rows.append(
-                [format(level, form), *each, f"{values[:, k, 0].mean():.2f}", f"{values[:, k, 1].mean():.1f}"]
-            )
+            rows.append([format(level, form), *each, f"{values[:, k, 0].mean():.2f}", f"{values[:, k, 1].mean():.1f}"])
         return rows
 
     def draw(figure: Any) -> None:

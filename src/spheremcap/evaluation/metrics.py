@@ -103,9 +103,7 @@ def compare(truth: Iterable[TruthRow], estimates: Iterable[MarkerEstimate], mark
     """Hold one marker's estimates against its truth. Frames without truth are left out."""
     found = {e.frame_index: e for e in estimates if e.marker == marker}
     first = min(found, default=0)
-    rows = sorted(
-        (t for t in truth if t.marker == marker and t.frame_index >= first), key=lambda t: t.frame_index
-    )
+    rows = sorted((t for t in truth if t.marker == marker and t.frame_index >= first), key=lambda t: t.frame_index)
     numbers = np.full((len(rows), 8), np.nan)
     for out, row in zip(numbers, rows, strict=True):
         estimate = found.get(row.frame_index)
@@ -240,9 +238,7 @@ def score(comparisons: Sequence[Comparison], requests: int | None = None) -> Sco
         nees_mean=_mean(nees),
         nees_within_95_pct=_mean(100.0 * (nees <= CHI2_95_3DOF)),
         status_pct={
-            s.value: 100 * float((status == s.value).sum()) / len(status)
-            for s in Status
-            if (status == s.value).any()
+            s.value: 100 * float((status == s.value).sum()) / len(status) for s in Status if (status == s.value).any()
         },
     )
 
@@ -368,9 +364,7 @@ def table_cells(rows: Mapping[str, Score], columns: Sequence[str]) -> list[list[
     for name, row in rows.items():
         values = [getattr(row, column) for column in columns]
         forms = [known[column][1] for column in columns]
-        cells.append(
-            [name, *("-" if v is None else format(v, f) for v, f in zip(values, forms, strict=True))]
-        )
+        cells.append([name, *("-" if v is None else format(v, f) for v, f in zip(values, forms, strict=True))])
     return cells
 
 
@@ -416,15 +410,11 @@ def summary(name: str, row: Score) -> str:
         lines.append(f"  3D error {mean_mm} ({mean_pct} of range); distance bias {bias}, sd {sd}")
     if row.nees_mean is not None:
         inside = told(row.nees_within_95_pct, ".1f", " %")
-        lines.append(
-            f"  covariance: NEES {row.nees_mean:.2f} (honest: 3), {inside} inside the 95 % ellipsoid"
-        )
+        lines.append(f"  covariance: NEES {row.nees_mean:.2f} (honest: 3), {inside} inside the 95 % ellipsoid")
     came = row.reacquired + row.never_reacquired
     if came:
         most = told(row.reacquire_max_frames, "d", " frames")
-        lines.append(
-            f"  came into view again {came} times: found {row.reacquired} times, after at most {most}"
-        )
+        lines.append(f"  came into view again {came} times: found {row.reacquired} times, after at most {most}")
     if row.requests_per_min is not None:
         lines.append(f"  {row.requests_per_min:.1f} operator requests a minute")
     return "\n".join(lines)

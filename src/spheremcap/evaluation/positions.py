@@ -80,8 +80,7 @@ def positions(lab: Lab) -> Result:
         axes = figure.subplots()
         for k, formula in enumerate(formulas[:3]):
             heights = [
-                np.mean([_range_error_pct(said[formula], true) for true, said in groups[i]])
-                for i in sorted(groups)
+                np.mean([_range_error_pct(said[formula], true) for true, said in groups[i]]) for i in sorted(groups)
             ]
             axes.bar(np.arange(len(heights)) + 0.27 * (k - 1), heights, 0.27, label=formula)
         axes.axhline(0, color="black", linewidth=0.8)

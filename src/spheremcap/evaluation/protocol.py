@@ -103,11 +103,7 @@ def load_trials(folder: Path) -> list[Trial]:
     """
     if (folder / "session.mp4").exists():
         return [load_trial(folder)]
-    trials = [
-        load_trial(path.parent)
-        for path in folder.glob("*/session.mp4")
-        if (path.parent / "seeds.toml").exists()
-    ]
+    trials = [load_trial(path.parent) for path in folder.glob("*/session.mp4") if (path.parent / "seeds.toml").exists()]
     for truth in folder.glob("*.csv"):
         videos = [v for v in folder.glob(f"{truth.stem}.*") if v.suffix.lower() in _VIDEOS]
         trials += [load_clip(video, truth) for video in videos[:1]]

@@ -20,9 +20,7 @@ def scale(lab: Lab) -> Result:
     without = base.model_copy(update={"points": base.points.model_copy(update={"enabled": False})})
     truth = {row.frame_index: row.circle.r_px for row in trial.truth if row.circle is not None}
     proposed: dict[str, tuple[FloatArray, FloatArray]] = {}
-    cells = [
-        ["", "radius proposed: sd of error %", "worst %", "measured: accuracy %", "radius bias %", "missed %"]
-    ]
+    cells = [["", "radius proposed: sd of error %", "worst %", "measured: accuracy %", "radius bias %", "missed %"]]
     for name, config in (("with GeometryScale", base), ("without", without)):
         run = run_alone(trial, config)
         radius = {e.frame_index: r for e in run.estimates if (r := _proposed_radius(e)) is not None}
@@ -36,10 +34,7 @@ def scale(lab: Lab) -> Result:
                 name,
                 f"{off.std():.3f}" if len(off) else "-",
                 f"{np.abs(off).max():.2f}" if len(off) else "-",
-                *(
-                    "-" if v is None else f"{v:.3f}"
-                    for v in (one.accuracy_pct, one.radius_bias_pct, one.missed_pct)
-                ),
+                *("-" if v is None else f"{v:.3f}" for v in (one.accuracy_pct, one.radius_bias_pct, one.missed_pct)),
             ]
         )
 
@@ -48,9 +43,7 @@ def scale(lab: Lab) -> Result:
         axes[0].plot(list(truth), list(truth.values()), color="black", label="truth")
         for name, (frames, values) in proposed.items():
             axes[0].plot(frames, values, ".", markersize=3, label=name)
-            axes[1].plot(
-                frames, [100 * (v / truth[f] - 1) for f, v in zip(frames, values, strict=True)], label=name
-            )
+            axes[1].plot(frames, [100 * (v / truth[f] - 1) for f, v in zip(frames, values, strict=True)], label=name)
         axes[0].set_ylabel("radius proposed before detection, px")
         axes[1].set_ylabel("its error, %")
         for ax in axes:
@@ -144,9 +137,7 @@ def _tracks(trial: Trial, marker: str) -> dict[str, tuple[FloatArray, FloatArray
         rows["filtered"].append((frame.index, *filtered))
         pose = smoothed.get(frame.index)
         if pose is not None:
-            rows["smoothed"].append(
-                (frame.index, pose.xyz_cam_m - row.xyz_cam_m, pose.velocity_cam_mps - speed)
-            )
+            rows["smoothed"].append((frame.index, pose.xyz_cam_m - row.xyz_cam_m, pose.velocity_cam_mps - speed))
     return {
         name: (
             np.array([r[0] for r in found]),
@@ -201,9 +192,7 @@ def _vote_plot(
                 by_matcher.setdefault(vote.matcher, []).append((e.frame_index, vote.overlap))
         for matcher, points in by_matcher.items():
             axes.plot(*zip(*points, strict=True), linewidth=0.6, label=matcher)
-        axes.plot(
-            [e.frame_index for e in rows], [e.vote_sum for e in rows], color="black", linewidth=1, label="sum"
-        )
+        axes.plot([e.frame_index for e in rows], [e.vote_sum for e in rows], color="black", linewidth=1, label="sum")
         for threshold in thresholds:
             axes.axhline(threshold, color="tab:red", linestyle="--", linewidth=0.8)
         axes.set_ylim(0, 6.1)

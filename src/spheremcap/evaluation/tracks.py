@@ -155,9 +155,7 @@ def score_all(
     comparisons = tuple(compare(truth, estimates, name) for name in markers)
     asked = {name: None if requests is None else requests.get(name, 0) for name in markers}
     total = None if requests is None else sum(n or 0 for n in asked.values())
-    return Scores(
-        {c.marker: score([c], asked[c.marker]) for c in comparisons}, score(comparisons, total), comparisons
-    )
+    return Scores({c.marker: score([c], asked[c.marker]) for c in comparisons}, score(comparisons, total), comparisons)
 
 
 def scores_table(scores: Scores) -> str:

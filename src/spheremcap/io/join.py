@@ -66,9 +66,7 @@ class SharedWriter(Writer):
             self.topics[new] = topic
         return self._channel_ids[key]
 
-    def add_message(
-        self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0
-    ) -> None:
+    def add_message(self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0) -> None:
         """As in Writer; `counts` goes by topic."""
         self.counts[self.topics[channel_id]] += 1
         super().add_message(channel_id, log_time, data, publish_time, sequence)
@@ -188,9 +186,7 @@ class McapStream:
         if self._writer is None or (self.wanted is not None and channel.topic not in self.wanted):
             return -1
         schema = self.records.schemas.get(channel.schema_id)
-        schema_id = (
-            0 if schema is None else self._writer.register_schema(schema.name, schema.encoding, schema.data)
-        )
+        schema_id = 0 if schema is None else self._writer.register_schema(schema.name, schema.encoding, schema.data)
         self._ids[channel_id] = self._writer.register_channel(
             self.prefix + channel.topic, channel.message_encoding, schema_id, channel.metadata
         )
@@ -323,7 +319,5 @@ def checked_output(path: Path, inputs: Sequence[Path] = (), *, overwrite: bool =
 def in_range(stamp_ns: int, name: str) -> int:
     """The stamp, when MCAP can hold it. Raises UsageError."""
     if not 0 <= stamp_ns < 1 << 64:
-        raise UsageError(
-            f"{name}: the offset moves a stamp to {stamp_ns} ns, before 1970: MCAP has no such time"
-        )
+        raise UsageError(f"{name}: the offset moves a stamp to {stamp_ns} ns, before 1970: MCAP has no such time")
     return stamp_ns

@@ -158,9 +158,7 @@ def _camera(fields: dict[str, Any], rectified: bool, source: str) -> Camera | No
         return Camera(width, height, p[0], p[5], p[2], p[6], source=source)
     d = list(map(float, fields.get("d", ())))
     name = fields.get("distortion_model", "")
-    model: DistortionModel = (
-        "fisheye" if name in ("kannala_brandt", "equidistant", "fisheye") else "plumb_bob"
-    )
+    model: DistortionModel = "fisheye" if name in ("kannala_brandt", "equidistant", "fisheye") else "plumb_bob"
     lengths = (4,) if model == "fisheye" else (4, 5, 8)
     while d and d[-1] == 0 and len(d) not in lengths:
         d.pop()
@@ -426,9 +424,7 @@ class McapImageSource:
             self.width_px,
             self.height_px,
         ):
-            same_shape = (
-                self.calibration.width_px * self.height_px == self.calibration.height_px * self.width_px
-            )
+            same_shape = self.calibration.width_px * self.height_px == self.calibration.height_px * self.width_px
             if not same_shape:
                 raise SourceError(
                     f"{self.path}: {self.calibration_topic} is for {self.calibration.width_px}x"
@@ -440,11 +436,7 @@ class McapImageSource:
     @property
     def frame_count_hint(self) -> int:
         """How many messages the topic has."""
-        return sum(
-            self._records.counts.get(c.id, 0)
-            for c in self._records.channels.values()
-            if c.topic == self.topic
-        )
+        return sum(self._records.counts.get(c.id, 0) for c in self._records.channels.values() if c.topic == self.topic)
 
     def _calibration(self) -> Camera | None:
         """From the calibration topic beside the images: the same prefix, or one level up (ROS
@@ -510,9 +502,7 @@ class McapImageSource:
                 "publish": message.publish_time,
             }[self.time]
             if not stamp_ns:
-                raise SourceError(
-                    f"{self.path}: {self.topic}: message {index} has no {self.time} time: use --time log"
-                )
+                raise SourceError(f"{self.path}: {self.topic}: message {index} has no {self.time} time: use --time log")
             if self.end_ns is not None and stamp_ns >= self.end_ns:
                 if stamp_ns >= self.end_ns + 1_000_000_000:
                     return
@@ -595,9 +585,7 @@ class McapImageSource:
                 yield from group
                 running = True
 
-    def _decoded(
-        self, decoder: Any, packet: Any, waiting: dict[int, tuple[int, EncodedPicture]]
-    ) -> Iterator[Frame]:
+    def _decoded(self, decoder: Any, packet: Any, waiting: dict[int, tuple[int, EncodedPicture]]) -> Iterator[Frame]:
         try:
             pictures = decoder.decode(packet)
         except av.error.FFmpegError:

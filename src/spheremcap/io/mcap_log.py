@@ -57,15 +57,11 @@ class Sink(Protocol):
 
     def register_channel(self, topic: str, message_encoding: str, schema_id: int) -> int: ...
 
-    def add_message(
-        self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int
-    ) -> None: ...
+    def add_message(self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int) -> None: ...
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None: ...
 
-    def add_attachment(
-        self, create_time: int, log_time: int, name: str, media_type: str, data: bytes
-    ) -> None: ...
+    def add_attachment(self, create_time: int, log_time: int, name: str, media_type: str, data: bytes) -> None: ...
 
 
 _SCHEMA_DATA: dict[str, bytes] = {}
@@ -78,9 +74,7 @@ def schema_id(sink: Sink, message_class: Message) -> int:
     ids = _SCHEMA_IDS.setdefault(sink, {})
     if name not in ids:
         if name not in _SCHEMA_DATA:
-            _SCHEMA_DATA[name] = build_file_descriptor_set(message_class).SerializeToString(
-                deterministic=True
-            )
+            _SCHEMA_DATA[name] = build_file_descriptor_set(message_class).SerializeToString(deterministic=True)
         ids[name] = sink.register_schema(name, "protobuf", _SCHEMA_DATA[name])
     return ids[name]
 
@@ -254,9 +248,7 @@ class McapLog:
         self._file.close()
         if complete:
             if self.path.exists() and not self._overwrite:
-                raise OutputError(
-                    f"{self.path} appeared while {self._file.path} was written: rename one of them"
-                )
+                raise OutputError(f"{self.path} appeared while {self._file.path} was written: rename one of them")
             try:
                 self._file.path.replace(self.path)
             except OSError as error:
@@ -352,15 +344,11 @@ class McapLog:
             self._add(self.topics.log, stamp, messages.log(stamp, level, text))
 
     def _write_calibration(self, stamp_ns: int) -> None:
-        if self.camera is None or (
-            self._next_calibration_ns is not None and stamp_ns < self._next_calibration_ns
-        ):
+        if self.camera is None or (self._next_calibration_ns is not None and stamp_ns < self._next_calibration_ns):
             return
         self._next_calibration_ns = stamp_ns + CALIBRATION_PERIOD_NS
         topics = self.topics
-        self._add(
-            topics.calibration, stamp_ns, messages.calibration(stamp_ns, self.camera, topics.optical_frame)
-        )
+        self._add(topics.calibration, stamp_ns, messages.calibration(stamp_ns, self.camera, topics.optical_frame))
         frames = messages.transforms(stamp_ns, WORLD_FRAME, topics.camera_frame, topics.optical_frame)
         self._add(topics.transforms, stamp_ns, frames)
 
@@ -387,9 +375,7 @@ class McapLog:
             schema = schema_id(self._sink, type(message))
             channel = self._channels[topic] = self._sink.register_channel(topic, "protobuf", schema)
         if stamp_ns < 0:
-            raise UsageError(
-                f"stamp {stamp_ns} ns is before 1970, which MCAP cannot hold: give a --start-time"
-            )
+            raise UsageError(f"stamp {stamp_ns} ns is before 1970, which MCAP cannot hold: give a --start-time")
         self._sequences[topic] = sequence = self._sequences.get(topic, 0) + 1
         self._last_ns = log_time = max(stamp_ns, self._last_ns or 0)
         self._sink.add_message(channel, log_time, message.SerializeToString(), stamp_ns, sequence)

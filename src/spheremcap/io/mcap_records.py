@@ -174,9 +174,7 @@ class McapRecords:
             until = waiting[-1].start if waiting else None
             while k < len(entries):
                 log_time = entries[k][0]
-                if (other is not None and (log_time, offset) > other) or (
-                    until is not None and log_time >= until
-                ):
+                if (other is not None and (log_time, offset) > other) or (until is not None and log_time >= until):
                     break
                 yield piece, entries[k], held[offset]
                 k += 1
@@ -222,9 +220,7 @@ class McapRecords:
             elif opcode == Opcode.CHUNK_INDEX:
                 start, end, at = struct.unpack("<QQQ", self._read(offset, 24))
                 if at in chunks and (chunks[at].start, chunks[at].end) != (start, end):
-                    self._lose(
-                        at, "the chunk's times are not those of the index: its messages are sorted anew"
-                    )
+                    self._lose(at, "the chunk's times are not those of the index: its messages are sorted anew")
             elif opcode == Opcode.SCHEMA:
                 self._keep_schema(self._read(offset, length), offset)
             elif opcode == Opcode.CHANNEL:
@@ -368,9 +364,7 @@ class McapRecords:
             entries = []
             for opcode, body, length in _walk(_reader(data), 0, end, lost):
                 if opcode == Opcode.MESSAGE:
-                    entries.append(
-                        (int.from_bytes(data[body + 6 : body + 14], "little"), body, body + length)
-                    )
+                    entries.append((int.from_bytes(data[body + 6 : body + 14], "little"), body, body + length))
                 elif opcode == Opcode.SCHEMA:
                     self._keep_schema(data[body : body + length], piece.offset)
                 elif opcode == Opcode.CHANNEL:
@@ -454,9 +448,7 @@ def _decompress(stored: bytes, compression: str, size: int) -> tuple[bytes, str 
 # --- framing ---
 
 
-def _walk(
-    read: _ReadAt, position: int, end: int, lost: Callable[[int, str], None]
-) -> Iterator[tuple[int, int, int]]:
+def _walk(read: _ReadAt, position: int, end: int, lost: Callable[[int, str], None]) -> Iterator[tuple[int, int, int]]:
     """(opcode, offset of the body, length) of every record; bytes that make no sense are passed over."""
     pending: tuple[int, int, int] | None = None  # a message is held back until what follows it makes sense
     while position + 9 <= end:

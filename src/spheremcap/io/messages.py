@@ -98,16 +98,12 @@ def stamp_of(message: Message) -> int:
 
 def video(stamp_ns: int, picture: EncodedPicture, frame_id: str) -> Message:
     """foxglove.CompressedVideo of one H.264 or H.265 access unit in Annex B."""
-    return CompressedVideo(
-        timestamp=timestamp(stamp_ns), frame_id=frame_id, data=picture.data, format=picture.format
-    )
+    return CompressedVideo(timestamp=timestamp(stamp_ns), frame_id=frame_id, data=picture.data, format=picture.format)
 
 
 def image(stamp_ns: int, picture: EncodedPicture, frame_id: str) -> Message:
     """foxglove.CompressedImage of one JPEG."""
-    return CompressedImage(
-        timestamp=timestamp(stamp_ns), frame_id=frame_id, data=picture.data, format=picture.format
-    )
+    return CompressedImage(timestamp=timestamp(stamp_ns), frame_id=frame_id, data=picture.data, format=picture.format)
 
 
 def calibration(stamp_ns: int, camera: Camera, frame_id: str) -> Message:
@@ -183,12 +179,8 @@ def state(estimate: MarkerEstimate, smoothed: SmoothedPose | None, frame_id: str
         circle_sd=None if sd is None else _pb.Circle(x_px=sd[0], y_px=sd[1], r_px=sd[2]),
         claim=_circle(estimate.claim),
         proposer=estimate.proposer or None,
-        proposals=[
-            _pb.Proposal(proposer=name, circle=_circle(circle)) for name, circle in estimate.proposals
-        ],
-        search=None
-        if window is None
-        else _pb.Window(x=window.x, y=window.y, width=window.width, height=window.height),
+        proposals=[_pb.Proposal(proposer=name, circle=_circle(circle)) for name, circle in estimate.proposals],
+        search=None if window is None else _pb.Window(x=window.x, y=window.y, width=window.width, height=window.height),
         vote_sum=estimate.vote_sum,
         verdict=None if estimate.verdict is None else estimate.verdict.value,
         visible=estimate.visible,

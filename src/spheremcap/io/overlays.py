@@ -80,9 +80,7 @@ def draw_stages(view: StageView, estimate: MarkerEstimate | None) -> BgrImage:
         mask.ring(final, colour, 1)
     plain.dots(view.edges_px, view.edge_weights)
 
-    covered = (
-        "not run" if view.mask is None else f"{np.count_nonzero(view.mask) / max(view.mask.size, 1):.0%}"
-    )
+    covered = "not run" if view.mask is None else f"{np.count_nonzero(view.mask) / max(view.mask.size, 1):.0%}"
     panels = [
         (patch, f"patch {view.window.width}x{view.window.height}, Hough {len(view.hough)} (blue)"),
         (mask, f"colour mask {covered}"),
@@ -153,9 +151,7 @@ def _header(view: StageView, estimate: MarkerEstimate | None, colour: Bgr) -> Bg
     votes = "no votes" if estimate.vote_sum is None else f"votes {estimate.vote_sum:.2f} of 6"
     verdict = "no verdict" if estimate.verdict is None else f"verdict {estimate.verdict.value}"
     claimed = f"claim by {estimate.proposer}" if estimate.proposer else "no claim"
-    line = (
-        f"{view.marker}  frame {estimate.frame_index}  {estimate.status.value}  {votes}  {verdict}  {claimed}"
-    )
+    line = f"{view.marker}  frame {estimate.frame_index}  {estimate.status.value}  {votes}  {verdict}  {claimed}"
     _text(canvas, line, (6, LINE_PX - 2), colour, 0.45)
     parts = []
     if estimate.circle is not None:

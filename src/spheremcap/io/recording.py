@@ -404,8 +404,7 @@ def summarise(path: str | os.PathLike[str]) -> Summary:
             start_ns=start_ns,
             end_ns=end_ns,
             topics=tuple(
-                TopicSummary(c.topic, names[c.id], c.message_encoding, records.counts.get(c.id, 0))
-                for c in channels
+                TopicSummary(c.topic, names[c.id], c.message_encoding, records.counts.get(c.id, 0)) for c in channels
             ),
             markers=tuple(gap.summary(name, requests.get(name, [])) for name, gap in gaps.items()),
             video=tuple(_picture_line(records, c, names[c.id]) for c in channels if names[c.id] in PICTURES),

@@ -162,9 +162,7 @@ def open_input(
     with ExitStack() as stack:
         if is_recording(path):
             if start_time_ns is not None:
-                raise UsageError(
-                    f"{path}: a recording has its own times: choose with --time, not --start-time"
-                )
+                raise UsageError(f"{path}: a recording has its own times: choose with --time, not --start-time")
             yield _open_recording(path, choice or FromMcap(), stack)
         else:
             if choice is not None:
@@ -206,9 +204,7 @@ def _open_recording(path: Path, choice: FromMcap, stack: ExitStack) -> Input:
     return Input(path, views, records, streams)
 
 
-def _open_topics(
-    path: Path, choice: FromMcap, stack: ExitStack, records: McapRecords
-) -> list[McapImageSource]:
+def _open_topics(path: Path, choice: FromMcap, stack: ExitStack, records: McapRecords) -> list[McapImageSource]:
     if not choice.topics and len(found := image_topics(records)) > 1:
         listed = ", ".join(map(str, found))
         raise UsageError(f"{path} has several image topics, name one (or more) with --topic: {listed}")
@@ -216,9 +212,7 @@ def _open_topics(
     given = {"start_ns": choice.start_ns, "end_ns": choice.end_ns}
     if any(ns is not None and ns < LARGEST_RELATIVE_NS for ns in given.values()):
         first_ns = min(_first_stamp_ns(path, topic, choice.time) for topic in wanted)
-        given = {
-            k: first_ns + ns if ns is not None and ns < LARGEST_RELATIVE_NS else ns for k, ns in given.items()
-        }
+        given = {k: first_ns + ns if ns is not None and ns < LARGEST_RELATIVE_NS else ns for k, ns in given.items()}
     return [stack.enter_context(McapImageSource(path, topic, time=choice.time, **given)) for topic in wanted]
 
 

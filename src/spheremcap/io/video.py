@@ -111,9 +111,7 @@ class VideoSource:
     Raises SourceError when there is no picture to be had from the file at all.
     """
 
-    def __init__(
-        self, path: str | os.PathLike[str], *, start_time_ns: int | None = None, packets: bool = True
-    ) -> None:
+    def __init__(self, path: str | os.PathLike[str], *, start_time_ns: int | None = None, packets: bool = True) -> None:
         self.path = Path(path)
         self.lost = Losses()
         self._packets_wanted = packets
@@ -316,9 +314,7 @@ def _open(path: Path) -> tuple[av.container.InputContainer, av.VideoStream]:
                 f"{path}: an MP4 without its index ('moov'): the recording was never finished; "
                 "have the camera repair it, or copy it again"
             ) from error
-        raise SourceError(
-            f"{path}: not a video that FFmpeg can read ({_short(error)}); check the file"
-        ) from error
+        raise SourceError(f"{path}: not a video that FFmpeg can read ({_short(error)}); check the file") from error
     videos = [stream for stream in container.streams.video if not stream.disposition & _COVERS]
     if container.format.name == "tty":  # FFmpeg draws any text file as a terminal would
         container.close()

@@ -84,7 +84,5 @@ def parse_assignment(text: str) -> tuple[str, str]:
 def _quantity(text: str, units: dict[str, int] | dict[str, Fraction], what: str, example: str) -> Fraction:
     match = _QUANTITY.match(text)
     if match is None or match[2] not in units:
-        raise UsageError(
-            f"{text!r} is not {what}: a number and one of {', '.join(units)} are wanted, as in {example}"
-        )
+        raise UsageError(f"{text!r} is not {what}: a number and one of {', '.join(units)} are wanted, as in {example}")
     return Fraction(match[1]) * units[match[2]]

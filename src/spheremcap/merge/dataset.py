@@ -82,9 +82,7 @@ def merge(
         for source in sources:
             if is_recording(source.path):
                 continue
-            for log in read_sensors(
-                source.path, name=source.label, mapping=source.mapping, rate_hz=source.rate_hz
-            ):
+            for log in read_sensors(source.path, name=source.label, mapping=source.mapping, rate_hz=source.rate_hz):
                 notes.extend(log.notes)
                 clock, sync = _sensor_clock(source, log, min(starts, default=None), opened, config)
                 streams.append(SensorStream(log, clock))
@@ -93,15 +91,11 @@ def merge(
                 if sync is not None:
                     syncs[log.name] = sync
                     notes.append(f"{log.name}: {sync.line()}")
-                    streams.append(
-                        SensorStream(residual_log(sync, log.name), topic=f"/sync/{log.name}/residual")
-                    )
+                    streams.append(SensorStream(residual_log(sync, log.name), topic=f"/sync/{log.name}/residual"))
         merged = merge_streams(streams, output, overwrite=overwrite)
         for records in opened:
             if records.unordered:
-                notes.append(
-                    f"{records.path}: {records.unordered} messages were out of order; sorted by log time"
-                )
+                notes.append(f"{records.path}: {records.unordered} messages were out of order; sorted by log time")
     return Dataset(merged, tuple(notes), syncs)
 
 
@@ -131,9 +125,7 @@ def _sensor_clock(
     raise UsageError(f"{source.label}: no recording has a marker {source.sync_marker!r} to synchronise with")
 
 
-def sync_recording(
-    path: str | os.PathLike[str], marker: str, sensor: str, *, config: SyncConfig | None = None
-) -> Sync:
+def sync_recording(path: str | os.PathLike[str], marker: str, sensor: str, *, config: SyncConfig | None = None) -> Sync:
     """Offset and drift of a sensor that is already in a recording, against a marker's track there.
 
     `sync.clock` maps the sensor's own stamps (publish times) to the video's; `sync.offset_s` is what to add
@@ -149,9 +141,7 @@ def sync_recording(
     xyz = track.xyz_cam_m.copy()
     xyz[~track.measured] = float("nan")
     guess_ns = int(samples.stamp_ns[0] - samples.own_stamp_ns[0])
-    sync = sync_marker(
-        track.stamp_ns, xyz, samples.own_stamp_ns, samples.values, guess_ns=guess_ns, config=config
-    )
+    sync = sync_marker(track.stamp_ns, xyz, samples.own_stamp_ns, samples.values, guess_ns=guess_ns, config=config)
     return replace(sync, guess_ns=guess_ns)
 
 

@@ -67,14 +67,10 @@ def _message_class(log: SensorLog) -> Any:
 
 def _imu_samples(stream: SensorStream) -> Iterator[Any]:
     log = stream.log
-    vectors = {
-        name: log.vector(name) for name in ("linear_acceleration", "angular_velocity", "magnetic_field")
-    }
+    vectors = {name: log.vector(name) for name in ("linear_acceleration", "angular_velocity", "magnetic_field")}
     rows = {name: v.tolist() for name, v in vectors.items() if v is not None}
     q = [log.values.get(f"orientation.{axis}") for axis in "wxyz"]
-    quaternions = (
-        None if any(a is None for a in q) else np.stack([a for a in q if a is not None], axis=1).tolist()
-    )
+    quaternions = None if any(a is None for a in q) else np.stack([a for a in q if a is not None], axis=1).tolist()
     temperature = log.values.get("temperature_c")
     for k in range(len(log)):
         message = _pb.ImuSample(frame_id=log.frame_id)

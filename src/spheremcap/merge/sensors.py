@@ -89,9 +89,7 @@ class TimeMapping(_Strict):
     column: str | int | None = None
     unit: Literal["ns", "us", "ms", "s", "date", ""] = ""
     rate_hz: Annotated[float, Field(gt=0)] | None = None
-    start: str = Field(
-        default="", description="ISO 8601 or Unix seconds; added to times that count from zero"
-    )
+    start: str = Field(default="", description="ISO 8601 or Unix seconds; added to times that count from zero")
 
 
 class ColumnMapping(_Strict):
@@ -99,12 +97,8 @@ class ColumnMapping(_Strict):
 
     columns: tuple[str | int, ...]
     unit: str = ""
-    range: Annotated[float, Field(gt=0)] | None = Field(
-        default=None, description="full scale, in the same unit"
-    )
-    counts_per_turn: Annotated[float, Field(gt=0)] | None = Field(
-        default=None, description="for an angle in counts"
-    )
+    range: Annotated[float, Field(gt=0)] | None = Field(default=None, description="full scale, in the same unit")
+    counts_per_turn: Annotated[float, Field(gt=0)] | None = Field(default=None, description="for an angle in counts")
 
 
 class TableMapping(_Strict):
@@ -169,9 +163,7 @@ def read_sensors(
         mapping = mapping.model_copy(update={"time": mapping.time.model_copy(update={"rate_hz": rate_hz})})
     if not mapping.columns and suffix == ".data":
         return [_read_optipush(path, name, mapping)]
-    table = open_table(
-        path, delimiter=mapping.delimiter, skip_lines=mapping.skip_lines, header=mapping.header
-    )
+    table = open_table(path, delimiter=mapping.delimiter, skip_lines=mapping.skip_lines, header=mapping.header)
     if not mapping.columns and mapping.kind != "record":
         known = _known_layout(table)
         if known is not None:
@@ -179,9 +171,7 @@ def read_sensors(
     return [_read_table(table, name, mapping)]
 
 
-def _read_folder(
-    path: Path, name: str, mapping: TableMapping | None, rate_hz: float | None
-) -> list[SensorLog]:
+def _read_folder(path: Path, name: str, mapping: TableMapping | None, rate_hz: float | None) -> list[SensorLog]:
     """Every table in the folder and in those in it; names are NAME for the main one, NAME_FILE for the
     others.
     """
@@ -223,9 +213,7 @@ _QUANTITIES: tuple[tuple[str, str], ...] = (
     (r"m", "moment|magnetic_field"),
 )
 _AXIS = re.compile(r"^(.*?)([xyz])$")
-_TIME_NAME = re.compile(
-    r"^(time|timestamp|t|sampletimefine|epoch|unixtime|datetime|date|elapsed)(ns|us|ms|s)?$"
-)
+_TIME_NAME = re.compile(r"^(time|timestamp|t|sampletimefine|epoch|unixtime|datetime|date|elapsed)(ns|us|ms|s)?$")
 _SUFFIX_UNITS = (
     ("_mps2", "m/s2"), ("_ms2", "m/s2"), ("_m_s2", "m/s2"), ("_dps", "dps"), ("_deg_s", "deg/s"),
     ("_rad_s", "rad/s"), ("_radps", "rad/s"), ("_ut", "uT"), ("_g", "g"), ("_nm", "Nm"), ("_n", "N"),
@@ -271,9 +259,7 @@ def _named(name: str, unit: str) -> tuple[str, str, str] | None:
     return None
 
 
-def _read_table(
-    table: Table, name: str, mapping: TableMapping, own_stamps: StampArray | None = None
-) -> SensorLog:
+def _read_table(table: Table, name: str, mapping: TableMapping, own_stamps: StampArray | None = None) -> SensorLog:
     """A table by its mapping, and by its header for what the mapping leaves open; `own_stamps` replace its
     times.
     """
@@ -283,9 +269,7 @@ def _read_table(
     times = [k for k, h in enumerate(header) if h is not None and h[0] == "time"]
     plain_names = [bare_name(n) for n in table.names]
     if all(axis in plain_names for axis in "wxyz"):  # a quaternion file of x-io
-        header = [
-            ("orientation", n, "1") if n in tuple("wxyz") else header[k] for k, n in enumerate(plain_names)
-        ]
+        header = [("orientation", n, "1") if n in tuple("wxyz") else header[k] for k, n in enumerate(plain_names)]
     if mapping.columns:
         for quantity, given in mapping.columns.items():
             axes = _axes(quantity, len(given.columns), mapping.kind)
@@ -303,9 +287,7 @@ def _read_table(
         if not mapping.columns:
             columns = {_field_name(n): (k, "") for k, n in enumerate(table.names) if n and k not in times[:1]}
         if not columns:
-            raise UsageError(
-                f"{table.path}: its columns have no names: give a mapping (TOML) that says what they are"
-            )
+            raise UsageError(f"{table.path}: its columns have no names: give a mapping (TOML) that says what they are")
         columns = {axis: columns[axis] for axis in columns if _is_number(table, columns[axis][0])}
     else:
         allowed = _IMU if kind == "imu" else _WHEEL
@@ -321,9 +303,7 @@ def _read_table(
             if given.counts_per_turn is not None:
                 scale = 2 * np.pi / given.counts_per_turn
             elif quantity == "angle" and plain(unit) in ("counts", "count", "ticks", "pulses"):
-                raise UsageError(
-                    f"{table.where(index)}: an angle in counts needs counts_per_turn in a mapping"
-                )
+                raise UsageError(f"{table.where(index)}: an angle in counts needs counts_per_turn in a mapping")
             else:
                 scale = factor(quantity, unit, table.where(index))
         if given.range is not None:
@@ -335,9 +315,7 @@ def _read_table(
 
 def _axes(quantity: str, count: int, kind: Kind | None) -> list[str]:
     if kind == "record":
-        names = (
-            [_field_name(quantity)] if count == 1 else [f"{_field_name(quantity)}_{k}" for k in range(count)]
-        )
+        names = [_field_name(quantity)] if count == 1 else [f"{_field_name(quantity)}_{k}" for k in range(count)]
         return names if count != 3 else [f"{_field_name(quantity)}_{axis}" for axis in "xyz"]
     sizes = {**dict.fromkeys(_VECTORS, 3), "orientation": 4}
     known = (*_IMU, *_WHEEL)
@@ -385,9 +363,7 @@ def _times(
         try:
             start_ns = date_ns(given.start)
         except ValueError as error:
-            raise UsageError(
-                f"mapping: time.start {given.start!r} is neither a date nor Unix seconds"
-            ) from error
+            raise UsageError(f"mapping: time.start {given.start!r} is neither a date nor Unix seconds") from error
     if own_stamps is not None or (given.column is None and given.rate_hz is not None):
         _, values = read_columns(table, wanted, None)
         even = even_stamps(len(values), given.rate_hz or 1.0) if own_stamps is None else own_stamps
@@ -400,9 +376,7 @@ def _times(
         time = 0
     else:
         there = ", ".join(filter(None, table.names)) or "none has a name"
-        raise UsageError(
-            f"{table.path}: no column is obviously the time ({there}): give a mapping, or the rate in Hz"
-        )
+        raise UsageError(f"{table.path}: no column is obviously the time ({there}): give a mapping, or the rate in Hz")
     unit: str = given.unit
     if not unit:
         unit = "date" if is_date(table.first_row[time]) else table.unit(time)
@@ -485,9 +459,7 @@ def _known_layout(table: Table) -> _Reader | None:
         return _read_xsens_dot
     if any(re.search(r"_(cal|raw|uncal)$", name.lower()) for name in table.names):
         return _read_shimmer
-    if "movesense" in str(table.path).lower() or re.search(
-        r"_(acc|gyro|magn|imu\d)_stream$", table.path.stem.lower()
-    ):
+    if "movesense" in str(table.path).lower() or re.search(r"_(acc|gyro|magn|imu\d)_stream$", table.path.stem.lower()):
         return _read_movesense
     if not table.names and is_date(table.first_row[0]) and len(table.first_row) in (4, 7, 10):
         return _read_axivity
@@ -562,15 +534,9 @@ def _read_shimmer(table: Table, name: str, mapping: TableMapping) -> SensorLog:
                     columns[quantity] = tuple(k + 1 for k in indices)
                     units[quantity] = table.units[indices[0]]
     if not columns:
-        raise UsageError(
-            f"{table.path}: has no calibrated (CAL) accelerometer, gyroscope or magnetometer with a unit"
-        )
+        raise UsageError(f"{table.path}: has no calibrated (CAL) accelerometer, gyroscope or magnetometer with a unit")
     time = next(
-        (
-            k
-            for k, n in enumerate(table.names)
-            if re.search(r"timestamp", n, re.IGNORECASE) and n.endswith("_CAL")
-        ),
+        (k for k, n in enumerate(table.names) if re.search(r"timestamp", n, re.IGNORECASE) and n.endswith("_CAL")),
         None,
     )
     if time is None:
@@ -604,9 +570,7 @@ def _read_movesense(table: Table, name: str, mapping: TableMapping) -> SensorLog
             time = next((k for k, n in enumerate(table.names) if "time" in n.lower()), 0)
             axes = []
             for axis in "xyz":
-                found = [
-                    k for k, n in enumerate(table.names) if split_unit(n)[0].strip().lower().endswith(axis)
-                ]
+                found = [k for k, n in enumerate(table.names) if split_unit(n)[0].strip().lower().endswith(axis)]
                 if len(found) != 1:
                     raise UsageError(f"{table.path}: no column is obviously {mark} {axis}: give a mapping")
                 axes.append(found[0] + 1)
@@ -639,9 +603,7 @@ def _read_smartwheel(table: Table, name: str, mapping: TableMapping) -> SensorLo
     """
     rate = mapping.time.rate_hz
     if rate is None:
-        raise UsageError(
-            f"{table.path}: a SMARTwheel file has no times: give its rate (240 and 200 Hz both occur)"
-        )
+        raise UsageError(f"{table.path}: a SMARTwheel file has no times: give its rate (240 and 200 Hz both occur)")
     columns: dict[str, tuple[str | int, ...]] = {"angle": (4,), "force": (19, 20, 21), "moment": (22, 23, 24)}
     units = {"angle": "deg", "force": "N", "moment": "Nm"}
     _, counter = read_columns(table, (1,), None)

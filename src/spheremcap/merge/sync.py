@@ -148,9 +148,7 @@ def magnitude(stamp_ns: StampArray, vectors: FloatArray, left_out: BoolArray | N
     return Signal(np.asarray(stamp_ns, np.int64), size[:, None].astype(np.float64))
 
 
-def _derived(
-    stamp_ns: StampArray, xyz_m: FloatArray, order: int, config: SyncConfig
-) -> tuple[StampArray, FloatArray]:
+def _derived(stamp_ns: StampArray, xyz_m: FloatArray, order: int, config: SyncConfig) -> tuple[StampArray, FloatArray]:
     """The smoothed derivative of a track on an even grid of rate_hz; NaN in gaps and near their ends."""
     good = np.isfinite(xyz_m).all(axis=1)
     stamps, xyz = np.asarray(stamp_ns, np.int64)[good], xyz_m[good]
@@ -186,9 +184,7 @@ def _on_grid(signal: Signal, origin_ns: int, config: SyncConfig) -> tuple[float,
     value = np.interp(t, t[good], value[good])
     taps = max(1, round(step / typical))
     if taps > 1:  # a faster sensor: the mean over a grid step
-        value = np.convolve(
-            np.pad(value, (taps // 2, (taps - 1) // 2), mode="edge"), np.full(taps, 1 / taps), "valid"
-        )
+        value = np.convolve(np.pad(value, (taps // 2, (taps - 1) // 2), mode="edge"), np.full(taps, 1 / taps), "valid")
         t = t - (0.0 if taps % 2 else typical / 2)
     grid = t[0] + np.arange(int((t[-1] - t[0]) / step) + 1) * step
     after = np.searchsorted(t, grid).clip(1, len(t) - 1)
@@ -220,9 +216,7 @@ def sync_marker(
         if saturated is None and clipped is not None:
             saturated = clipped > 0
         reference = track_acceleration(stamp_ns, xyz_m, config)
-        return synchronise(
-            reference, magnitude(sensor_stamp_ns, force, saturated), guess_ns=guess_ns, config=config
-        )
+        return synchronise(reference, magnitude(sensor_stamp_ns, force, saturated), guess_ns=guess_ns, config=config)
     rate = sensor_values.get("rate_rad_s")
     if rate is None and "angle_rad" in sensor_values:
         rate = np.gradient(sensor_values["angle_rad"], sensor_stamp_ns / NS_PER_S)
@@ -242,9 +236,7 @@ def residual_log(sync: Sync, name: str) -> SensorLog:
 # --- the estimate ---
 
 
-def synchronise(
-    reference: Signal, sensor: Signal, *, guess_ns: int = 0, config: SyncConfig | None = None
-) -> Sync:
+def synchronise(reference: Signal, sensor: Signal, *, guess_ns: int = 0, config: SyncConfig | None = None) -> Sync:
     """The clock that maps the sensor's stamps to the reference's; `guess_ns` is added to them before the
     search.
 
@@ -282,9 +274,7 @@ def synchronise(
     anchor_s = (first_ns + guess_ns - origin) / NS_PER_S
     at_first = (fit.lag + fit.drift * (anchor_s - pair.middle)) / (1 - fit.drift)
     own_drift = fit.drift / (1 - fit.drift)
-    clock = Clock(
-        guess_ns + round(at_first * NS_PER_S), Fraction(round(own_drift * 10**12), 10**12), first_ns
-    )
+    clock = Clock(guess_ns + round(at_first * NS_PER_S), Fraction(round(own_drift * 10**12), 10**12), first_ns)
     return Sync(
         clock,
         origin + np.rint(fit.times * NS_PER_S).astype(np.int64),
@@ -319,9 +309,7 @@ class _Pair:
     A lag is what to add to a sensor's time to get the reference's.
     """
 
-    def __init__(
-        self, values: FloatArray, sensor: FloatArray, start: float, config: SyncConfig, gravity: bool
-    ) -> None:
+    def __init__(self, values: FloatArray, sensor: FloatArray, start: float, config: SyncConfig, gravity: bool) -> None:
         self.values = values
         self.sensor = sensor
         self.start = start
@@ -346,9 +334,7 @@ class _Pair:
         reach = int(config.max_offset_s / step) + 1
         size = max(16, int(config.segment_s / step))
         curves, middles, weights = [], [], []
-        for begin in range(
-            self.first // every, max(self.first // every + 1, self.last // every - size // 2), size
-        ):
+        for begin in range(self.first // every, max(self.first // every + 1, self.last // every - size // 2), size):
             curve, weight = self._explained(features[begin : begin + size], target, begin, step, reach)
             if weight > 0:
                 curves.append(curve)
@@ -366,9 +352,7 @@ class _Pair:
             for curve, middle, part in zip(table, middles, share, strict=True):
                 shift = round(drift * middle / step)
                 moved = np.full(len(lags), 0.0)
-                moved[max(0, -shift) : len(lags) - max(0, shift)] = curve[
-                    max(0, shift) : len(lags) + min(0, shift)
-                ]
+                moved[max(0, -shift) : len(lags) - max(0, shift)] = curve[max(0, shift) : len(lags) + min(0, shift)]
                 scores[k] += part * moved
         best_drift, best_lag = np.unravel_index(int(np.argmax(scores)), scores.shape)
         best = float(scores[best_drift, best_lag])
@@ -434,9 +418,7 @@ class _Pair:
         u, _ = self._constant_part(rows, lag, drift)
         return lag, np.linalg.norm(self.values + u, axis=1)
 
-    def _constant_part(
-        self, rows: npt.NDArray[np.intp], lag: float, drift: float
-    ) -> tuple[FloatArray, float]:
+    def _constant_part(self, rows: npt.NDArray[np.intp], lag: float, drift: float) -> tuple[FloatArray, float]:
         """u (3,) of least squares |f| = |a + u| with |u| = g at this lag, and the mean square left over.
 
         Gauss-Newton from the linear solution of the squares. Left free, u's size would trade against the lag.
@@ -460,9 +442,7 @@ class _Pair:
 
     def _sensor_at(self, t: FloatArray) -> FloatArray:
         index = (t - self.start) / self.step
-        out: FloatArray = np.interp(
-            index, np.arange(len(self.sensor)), self.sensor, left=np.nan, right=np.nan
-        )
+        out: FloatArray = np.interp(index, np.arange(len(self.sensor)), self.sensor, left=np.nan, right=np.nan)
         return out
 
     def line(self, predicted: FloatArray, lag: float, drift: float) -> _Line:
@@ -484,9 +464,7 @@ class _Pair:
                 lags.append(found[0])
                 correlations.append(found[1])
         if len(lags) < 4:
-            raise SyncError(
-                f"only {len(lags)} windows of {size * self.step:g} s have a clear lag, 4 are needed"
-            )
+            raise SyncError(f"only {len(lags)} windows of {size * self.step:g} s have a clear lag, 4 are needed")
         return self._fit(np.array(times), np.array(lags), np.array(correlations))
 
     def _peak(
@@ -540,9 +518,7 @@ class _Pair:
         covariance = np.linalg.pinv((design * w[:, None]).T @ design) * spread / max(effective - 2, 1)
         ends = (np.array([self.first, self.last]) * self.step) - self.middle
         error = max(float(np.sqrt(max(np.array([1, e]) @ covariance @ np.array([1, e]), 0))) for e in ends)
-        return _Line(
-            float(solution[0]), float(solution[1]), error, times, lags, residuals, correlations, agreed
-        )
+        return _Line(float(solution[0]), float(solution[1]), error, times, lags, residuals, correlations, agreed)
 
 
 def _vertex(left: float, middle: float, right: float) -> float:

@@ -78,9 +78,7 @@ def split_unit(name: str) -> tuple[str, str]:
     return (match[1], match[2]) if match else (name, "")
 
 
-def open_table(
-    path: Path, *, delimiter: str | None = None, skip_lines: int = 0, header: bool | None = None
-) -> Table:
+def open_table(path: Path, *, delimiter: str | None = None, skip_lines: int = 0, header: bool | None = None) -> Table:
     """Look at the head of a text file: delimiter, names, units, first row of numbers.
 
     Raises SourceError when there is no row of numbers in it.
@@ -166,9 +164,7 @@ def read_columns(table: Table, wanted: Sequence[int], time: int | None) -> tuple
         for _ in range(table.first_line - 1):
             next(file)
         reader: Any = (
-            (line.split() for line in file)
-            if table.delimiter == " "
-            else csv.reader(file, delimiter=table.delimiter)
+            (line.split() for line in file) if table.delimiter == " " else csv.reader(file, delimiter=table.delimiter)
         )
         for number, row in enumerate(reader, table.first_line):
             if not any(cell.strip() for cell in row):
@@ -211,9 +207,7 @@ def stamps(table: Table, texts: Sequence[str], time: int, unit: str) -> StampArr
             out[k] = parse(text)
         except (ValueError, InvalidOperation, OverflowError):
             line = "" if table.delimiter == "parquet" else f", line {_line_of(table, k)}"
-            raise SourceError(
-                f"{table.path}{line}, column {time + 1}: {text!r} is not a time ({unit})"
-            ) from None
+            raise SourceError(f"{table.path}{line}, column {time + 1}: {text!r} is not a time ({unit})") from None
     return out
 
 
@@ -293,6 +287,4 @@ def _parquet(path: Path) -> Any:
     try:
         return pyarrow.parquet.read_table(path)
     except (OSError, ValueError) as error:
-        raise SourceError(
-            f"{path}: is not a readable Parquet file ({' '.join(str(error).split())})"
-        ) from error
+        raise SourceError(f"{path}: is not a readable Parquet file ({' '.join(str(error).split())})") from error

@@ -24,9 +24,7 @@ UNITS: dict[str, dict[str, float]] = {
 UNITS["rate"] = UNITS["angular_velocity"]
 TIME_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
-_SAME = str.maketrans(
-    {"µ": "u", "μ": "u", "²": "2", "°": "deg", "·": "", "^": "", "(": "", ")": "", "*": "", " ": ""}
-)
+_SAME = str.maketrans({"µ": "u", "μ": "u", "²": "2", "°": "deg", "·": "", "^": "", "(": "", ")": "", "*": "", " ": ""})
 
 
 def plain(unit: str) -> str:
@@ -61,6 +59,4 @@ _OTHERS = ("", "au", "no_units", "unitless", "local_flux", "kpa", "hpa", "pa", "
 def is_unit(text: str) -> bool:
     """Whether a cell of a units row is a unit, known here or not."""
     bare = plain(text)
-    return (
-        any(bare in t for t in UNITS.values()) or bare in TIME_UNITS or bare in _OTHERS or bare[:4] == "yyyy"
-    )
+    return any(bare in t for t in UNITS.values()) or bare in TIME_UNITS or bare in _OTHERS or bare[:4] == "yyyy"

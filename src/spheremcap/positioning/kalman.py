@@ -127,10 +127,7 @@ def smooth(moments: list[Moment], acceleration_mps2: float) -> list[Moment]:
     """Rauch-Tung-Striebel smoothing of filtered moments in order of time (filterpy's rts_smoother)."""
     if len(moments) < 2:
         return list(moments)
-    steps = [
-        transition((b.stamp_ns - a.stamp_ns) / NS_PER_S, acceleration_mps2)
-        for a, b in pairwise(moments)
-    ]
+    steps = [transition((b.stamp_ns - a.stamp_ns) / NS_PER_S, acceleration_mps2) for a, b in pairwise(moments)]
     fs, qs = zip(*steps, steps[-1], strict=True)  # step k leads from k to k + 1; the last is never used
     states, covariances, _, _ = rts_smoother(
         np.array([m.state for m in moments]), np.array([m.covariance for m in moments]), list(fs), list(qs)

@@ -5,6 +5,7 @@ Everything is in the camera's optical frame (x right, y down, z forward), metres
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -48,16 +49,23 @@ class SphereFit:
 
 def outline_rays(xyz_cam_m: FloatArray, radius_m: float, count: int) -> FloatArray:
     """Unit rays (count, 3) tangent to the sphere, evenly spread around its axis. Needs |xyz| > radius."""
-    distance = float(np.linalg.norm(xyz_cam_m))
+    distance = math.sqrt(float(xyz_cam_m @ xyz_cam_m))
     axis = xyz_cam_m / distance
     sin_a = radius_m / distance
     cos_a = math.sqrt(1 - sin_a * sin_a)
     # u lies in the picture's x direction and v in y, so that ray 0 leaves to the right and they run clockwise.
-    u = np.array([axis[2], 0.0, -axis[0]])
-    u /= np.linalg.norm(u)
-    v = np.cross(axis, u)
+    x, y, z = axis.tolist()
+    flat = math.hypot(x, z)
+    u = np.array([z / flat, 0.0, -x / flat])
+    v = np.array([-x * y / flat, flat, -y * z / flat])  # axis x u
+    return cos_a * axis + sin_a * (_around(count) @ np.stack([u, v]))
+
+
+@lru_cache(maxsize=16)
+def _around(count: int) -> FloatArray:
+    """Cosine and sine (count, 2) of evenly spaced angles."""
     phi = np.arange(count) * (2 * np.pi / count)
-    return cos_a * axis + sin_a * (np.cos(phi)[:, None] * u + np.sin(phi)[:, None] * v)
+    return np.stack([np.cos(phi), np.sin(phi)], axis=1)
 
 
 def outline_px(xyz_cam_m: FloatArray, radius_m: float, camera: Camera, count: int = 72) -> FloatArray:
@@ -70,7 +78,7 @@ def polygon_circle(points_px: FloatArray) -> Circle:
     x, y = points_px[:, 0], points_px[:, 1]
     x0, y0 = x.mean(), y.mean()
     x, y = x - x0, y - y0
-    xn, yn = np.roll(x, -1), np.roll(y, -1)
+    xn, yn = np.append(x[1:], x[:1]), np.append(y[1:], y[:1])
     cross = x * yn - xn * y
     area = cross.sum() / 2
     # A regular N-gon inside a circle has (N / 2 pi) sin(2 pi / N) of its area.
@@ -84,7 +92,7 @@ def circle_of_sphere(xyz_cam_m: FloatArray, radius_m: float, camera: Camera) -> 
     """The equal-area circle of the sphere's image, in pixels; None when the sphere is not wholly before the camera."""
     if xyz_cam_m[2] <= radius_m * 1.01:
         return None
-    points = outline_px(xyz_cam_m, radius_m, camera, 36)
+    points = outline_px(xyz_cam_m, radius_m, camera, 24)
     return polygon_circle(points) if np.isfinite(points).all() else None
 
 
@@ -94,8 +102,7 @@ def sphere_of_circle(circle: Circle, radius_m: float, camera: Camera) -> FloatAr
     u^3 + (1 + |c|^2) u^2 - s^2 u - s^2 = 0 with u = b^2, b the semi-minor axis, pi s the area and c the centre of the
     outline in undistorted normalised coordinates; Z = R sqrt(1 + 1/u), (X, Y) = c (Z^2 - R^2) / Z.
     """
-    phi = np.arange(24) * (2 * np.pi / 24)
-    points = circle.r_px * np.stack([np.cos(phi), np.sin(phi)], axis=1) + (circle.x_px, circle.y_px)
+    points = circle.r_px * _around(24) + (circle.x_px, circle.y_px)
     flat = polygon_circle(camera.normalise(points))
     c = np.array([flat.x_px, flat.y_px])
     s = flat.r_px**2
@@ -112,7 +119,7 @@ def sphere_of_circle(circle: Circle, radius_m: float, camera: Camera) -> FloatAr
 
 
 def thesis_position(circle: Circle, size_m: float, constant_px: float, camera: Camera) -> FloatArray:
-    """Eq 3.12: d = constant * l_o / r is a depth (similar triangles, eq 3.10), on the ray through the circle's centre."""
+    """Eq 3.12: d = constant * l_o / r is a depth (eq 3.10), on the ray through the circle's centre."""
     x, y = camera.normalise(np.array([[circle.x_px, circle.y_px]]))[0]
     depth_m = constant_px * size_m / circle.r_px
     return np.array([x * depth_m, y * depth_m, depth_m])
@@ -140,6 +147,7 @@ def fit_sphere(
     rounds: int = 5,
     imperfection: float = 0.03,
     hold: float | None = None,
+    near: bool = False,
 ) -> SphereFit | None:
     """The sphere whose tangent cone runs through the edge rays (N, 3), robustly; None when it does not converge.
 
@@ -149,10 +157,11 @@ def fit_sphere(
     deviations: these are widened by the median residual, up to `imperfection` of the marker's angular radius. The
     covariance is that of the weighted fit, widened once more when its residuals are larger than stated.
 
-    `hold` keeps the distance near that of `start_m`, with this relative deviation, while the weights settle: the straight
-    edge of an occluder then loses its say instead of shrinking the circle. The last rounds are free of it.
+    `hold` keeps the distance near that of `start_m`, with this relative deviation, while the weights settle: the
+    straight edge of an occluder then loses its say instead of shrinking the circle. The last rounds are free of it. `near` says
+    that the start is close and no other cone needs to be looked for.
     """
-    centre = _best_start(rays, sd_rad, radius_m, start_m, hold)
+    centre = start_m.astype(np.float64) if near else _best_start(rays, sd_rad, radius_m, start_m, hold)
     weights = np.ones(len(rays))
     scales = [*np.geomspace(max(loose, 3.0), 3.0, rounds - 2), 3.0, 3.0]
     information, sd = np.zeros((3, 3)), sd_rad

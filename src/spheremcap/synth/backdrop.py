@@ -63,10 +63,7 @@ class Canvas:
         t = np.array([t_s])
         turn, _ = self.vibration.at(t)
         dx = wave(t, self.backdrop.drift_px[0], self.backdrop.drift_hz[0])[0] + self.camera.fx_px * turn[0, 1]
-        dy = (
-            wave(t, self.backdrop.drift_px[1], self.backdrop.drift_hz[1], 1.0)[0]
-            - self.camera.fy_px * turn[0, 0]
-        )
+        dy = wave(t, self.backdrop.drift_px[1], self.backdrop.drift_hz[1], 1.0)[0] - self.camera.fy_px * turn[0, 0]
         return float(dx), float(dy)
 
     def view(self, t_s: float, exposure_s: float) -> BgrImage:
@@ -77,8 +74,7 @@ class Canvas:
         if max(abs(first[0] - last[0]), abs(first[1] - last[1])) < 0.5:
             return self._cut(*self.shift_px(t_s))
         ends = [
-            self._cut(first[0] + f * (last[0] - first[0]), first[1] + f * (last[1] - first[1]))
-            for f in (0.25, 0.75)
+            self._cut(first[0] + f * (last[0] - first[0]), first[1] + f * (last[1] - first[1])) for f in (0.25, 0.75)
         ]
         return cv2.addWeighted(ends[0], 0.5, ends[1], 0.5, 0)  # type: ignore[return-value]
 
@@ -111,9 +107,7 @@ class Body:
         joints = {name: self._joint(name, times) for name in JOINTS}
         drawn = []
         for k in range(self._INSTANTS):
-            drawn.append(
-                self._draw(picture.copy(), {name: (at[k], scale) for name, (at, scale) in joints.items()})
-            )
+            drawn.append(self._draw(picture.copy(), {name: (at[k], scale) for name, (at, scale) in joints.items()}))
         while len(drawn) > 1:
             drawn = [cv2.addWeighted(a, 0.5, b, 0.5, 0) for a, b in zip(drawn[::2], drawn[1::2], strict=True)]  # type: ignore[misc]
         return drawn[0]
@@ -189,9 +183,7 @@ def _fill(picture: BgrImage, corners: FloatArray, colour: Sequence[float]) -> No
     cv2.fillConvexPoly(picture, cv2.convexHull(points), colour, cv2.LINE_AA, 4)
 
 
-def _limb(
-    picture: BgrImage, p: FloatArray, q: FloatArray, rp: float, rq: float, colour: Sequence[float]
-) -> None:
+def _limb(picture: BgrImage, p: FloatArray, q: FloatArray, rp: float, rq: float, colour: Sequence[float]) -> None:
     """A tapered capsule from p to q (2,) with the radii rp and rq, in pixels."""
     phi = np.arange(24) * (2 * np.pi / 24)
     circle = np.stack([np.cos(phi), np.sin(phi)], axis=1)

@@ -115,9 +115,7 @@ class Vibration:
         turn, shift = self.at(t_s)
         (a, b, c), (x, y, z) = turn.T, xyz_cam_m.T
         out: FloatArray = xyz_cam_m + shift
-        out += np.stack(
-            [b * z - c * y, c * x - a * z, a * y - b * x], axis=1
-        )  # turn x xyz: the angles are small
+        out += np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)  # turn x xyz: the angles are small
         return out
 
     def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -42,9 +42,7 @@ def half_plane_coverage(distance_px: Image, nx: Image, ny: Image) -> Image:
     return np.where(distance_px < 0, 1 - outside, outside).astype(np.float32, copy=False)
 
 
-def ball_coverage(
-    a: Image, b: Image, centre_cam_m: FloatArray, radius_m: float
-) -> tuple[Image, Image, Image]:
+def ball_coverage(a: Image, b: Image, centre_cam_m: FloatArray, radius_m: float) -> tuple[Image, Image, Image]:
     """Coverage (h, w) by a sphere, and the x and y of the surface normal there in units of 1.
 
     `a`, `b` (h + 2, w + 2) are the pixels' normalised coordinates with a border of one pixel; `centre_cam_m`
@@ -108,9 +106,7 @@ def ball_colour(
     return out
 
 
-def card_layer(
-    window: Window, where: FloatArray, half_px: tuple[float, float], paint: Image
-) -> tuple[Image, Image]:
+def card_layer(window: Window, where: FloatArray, half_px: tuple[float, float], paint: Image) -> tuple[Image, Image]:
     """Coverage (h, w) and linear colour (h, w, 3) of a rectangle in `window`.
 
     `where` (h, 3) is its centre (x, y) in pixels and its angle when each row is exposed; `paint` (n, m, 3) is

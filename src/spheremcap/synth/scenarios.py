@@ -152,9 +152,7 @@ def _clean(rng: np.random.Generator, frames: int) -> World:
 
 def _racing(rng: np.random.Generator, frames: int) -> World:
     colours = (GREEN, MAGENTA)
-    return _race(
-        frames, tuple(Ball(n, joint_path(n, RACE_START_S), c) for n, c in zip(JOINTS, colours, strict=False))
-    )
+    return _race(frames, tuple(Ball(n, joint_path(n, RACE_START_S), c) for n, c in zip(JOINTS, colours, strict=False)))
 
 
 def _blur(rng: np.random.Generator, frames: int) -> World:
@@ -178,9 +176,7 @@ def _partial(rng: np.random.Generator, frames: int) -> World:
     r_px, half_px, cards = NARROW.fx_px * 0.02, 110.0, []
     for start, colour in ((30, (150, 108, 86)), (95, (58, 60, 70))):
         stops = [(0, half_px + 8 * r_px)]
-        for frame, fraction in zip(
-            range(start, frames, 130), rng.permutation((0.3, 0.4, 0.5, 0.6)), strict=False
-        ):
+        for frame, fraction in zip(range(start, frames, 130), rng.permutation((0.3, 0.4, 0.5, 0.6)), strict=False):
             edge = edge_at(float(fraction))
             stops += [(frame, half_px + edge * r_px), (frame + 50, half_px + 8 * r_px)]
         moving = escort(path, stops, 12, float(rng.uniform(0, 2 * np.pi)))
@@ -251,9 +247,7 @@ def _similar_colour(rng: np.random.Generator, frames: int) -> World:
 
         def at(t: FloatArray, hz: float = hz, dy: float = dy, phase: float = phase) -> FloatArray:
             pixel = NARROW.project(path(t))
-            return np.stack(
-                [pixel[:, 0] + wave(t, 330, hz, phase), pixel[:, 1] + dy, wave(t, 1.2, 0.5, phase)], axis=1
-            )
+            return np.stack([pixel[:, 0] + wave(t, 330, hz, phase), pixel[:, 1] + dy, wave(t, 1.2, 0.5, phase)], axis=1)
 
         colour = tuple(int(min(255, c * shade)) for c in ORANGE)
         cards.append(Card(at, half, 2.0, colour))  # type: ignore[arg-type]
@@ -292,9 +286,7 @@ def _exposure(rng: np.random.Generator, frames: int) -> World:
 
 def _six(rng: np.random.Generator, frames: int) -> World:
     colours = (GREEN, MAGENTA, ORANGE, BLUE, YELLOW, CYAN)
-    return _race(
-        frames, tuple(Ball(n, joint_path(n, RACE_START_S), c) for n, c in zip(JOINTS, colours, strict=True))
-    )
+    return _race(frames, tuple(Ball(n, joint_path(n, RACE_START_S), c) for n, c in zip(JOINTS, colours, strict=True)))
 
 
 def _small(rng: np.random.Generator, frames: int) -> World:
@@ -305,9 +297,7 @@ def _small(rng: np.random.Generator, frames: int) -> World:
 def _low_light(rng: np.random.Generator, frames: int) -> World:
     path = loop(NARROW, rng, (640, 360), (300, 160), (0.8, 1.2), 0.9)
     sensor = Sensor(exposure_s=1 / 480, full_well_e=700.0, read_e=4.0)
-    return world(
-        frames, Ball("marker", path, GREEN), sensor=sensor, light=Light(lambda t: np.full(len(t), 0.28))
-    )
+    return world(frames, Ball("marker", path, GREEN), sensor=sensor, light=Light(lambda t: np.full(len(t), 0.28)))
 
 
 def _wide(rng: np.random.Generator, frames: int) -> World:
@@ -355,9 +345,7 @@ def _vfr(rng: np.random.Generator, frames: int) -> World:
     # One frame in nine is followed by one to four that were dropped; stamps jitter by up to 0.1 ms.
     gaps = np.where(rng.random(frames) < 1 / 9, rng.integers(2, 6, frames), 1)
     ticks = np.concatenate([[0], np.cumsum(gaps[1:] * TICKS) + rng.integers(-24, 25, frames - 1)])
-    return world(
-        frames, Ball("marker", path, BLUE), ticks=tuple(map(int, ticks)), backdrop=Backdrop("grass", 1.5)
-    )
+    return world(frames, Ball("marker", path, BLUE), ticks=tuple(map(int, ticks)), backdrop=Backdrop("grass", 1.5))
 
 
 SCENARIOS: dict[str, Scenario] = {
@@ -367,17 +355,11 @@ SCENARIOS: dict[str, Scenario] = {
     "clean": Scenario("one marker, short exposure, little noise, unhurried", 360, _clean),
     "blur": Scenario("one marker at up to 35 px a frame with an exposure of 1/960 s", 360, _blur),
     "scale": Scenario("from 0.4 m to 2.5 m and back", 480, _scale),
-    "partial-occlusion": Scenario(
-        "cards hide 30 to 60 % of the marker, about 40 frames at a time", 480, _partial
-    ),
+    "partial-occlusion": Scenario("cards hide 30 to 60 % of the marker, about 40 frames at a time", 480, _partial),
     "total-occlusion": Scenario("a card hides the marker for 5, 10, 20, 40 and 60 frames", 480, _total),
     "reentry": Scenario("the marker leaves the picture on both sides and comes back", 480, _reentry),
-    "similar-shape": Scenario(
-        "balls of the same size and other colours pass in front and behind", 360, _similar_shape
-    ),
-    "similar-colour": Scenario(
-        "cards of the marker's colour pass behind it and beside it", 360, _similar_colour
-    ),
+    "similar-shape": Scenario("balls of the same size and other colours pass in front and behind", 360, _similar_shape),
+    "similar-colour": Scenario("cards of the marker's colour pass behind it and beside it", 360, _similar_colour),
     "crossing": Scenario("two markers of the same colour cross, the nearer over the farther", 480, _crossing),
     "exposure": Scenario(
         "exposure steps, slow ramps and 100 Hz flicker, 0.15 to 2.5 times, with clipping", 480, _exposure

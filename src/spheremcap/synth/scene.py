@@ -146,9 +146,7 @@ class Scene:
         """The ball's outline (samples, 2) in pixels as seen; None when the lens cannot see all of it."""
         centre = self.position(ball, np.array([stamp_s]))[0]
         distance = float(np.linalg.norm(centre))
-        edge = np.arccos(np.clip(centre[2] / distance, -1, 1)) + np.arcsin(
-            min(1.0, ball.diameter_m / 2 / distance)
-        )
+        edge = np.arccos(np.clip(centre[2] / distance, -1, 1)) + np.arcsin(min(1.0, ball.diameter_m / 2 / distance))
         if edge > _WIDEST_RAD:
             return None
         outline = seen_outline(
@@ -156,18 +154,12 @@ class Scene:
         )
         return outline if np.isfinite(outline).all() else None
 
-    def _visible(
-        self, ball: Ball, index: int, outline: FloatArray, circle: Circle, layers: list[_Layer]
-    ) -> float:
+    def _visible(self, ball: Ball, index: int, outline: FloatArray, circle: Circle, layers: list[_Layer]) -> float:
         own = next((layer for layer in layers if layer.what is ball), None)
         if own is None:
             return 0.0
         low, high = outline.min(axis=0), outline.max(axis=0)
-        whole = (
-            low.min() >= -0.5
-            and high[0] <= self.camera.width_px - 0.5
-            and high[1] <= self.camera.height_px - 0.5
-        )
+        whole = low.min() >= -0.5 and high[0] <= self.camera.width_px - 0.5 and high[1] <= self.camera.height_px - 0.5
         nearer = [o for o in layers if o.depth_m < own.depth_m and _touch(o.box, own.box)]
         if whole and not nearer:
             return 1.0
@@ -278,13 +270,9 @@ class Scene:
             return card_layer(window, track, what.half_px, self._paints[id(what)])
         coverage, u, v = self._cover(what, window, track)
         wander = 2 * np.pi * self.world.light.wander_hz * t_s
-        lamp = np.array(self.world.light.direction) + np.array(
-            [0.5 * np.sin(wander), 0.2 * np.cos(wander), 0.0]
-        )
+        lamp = np.array(self.world.light.direction) + np.array([0.5 * np.sin(wander), 0.2 * np.cos(wander), 0.0])
         turn = float(2 * np.sin(3 * t_s))
-        return coverage, ball_colour(
-            u, v, self._albedos[id(what)], lamp, what.ambient, what.gloss, what.grain, turn
-        )
+        return coverage, ball_colour(u, v, self._albedos[id(what)], lamp, what.ambient, what.gloss, what.grain, turn)
 
     def _cover(self, ball: Ball, window: Window, track: FloatArray) -> tuple[Image, Image, Image]:
         a, b = self._rays
@@ -333,9 +321,7 @@ class Scene:
         return [layer for layer in layers if _touch(layer.box, (0, 0, width, height))]
 
     @staticmethod
-    def _layer(
-        what: Ball | Card, points: FloatArray, margin: float, depth_m: float, motion_px: float
-    ) -> _Layer:
+    def _layer(what: Ball | Card, points: FloatArray, margin: float, depth_m: float, motion_px: float) -> _Layer:
         low = np.floor(np.clip(points.min(axis=0) - margin, -9999, 9999)).astype(int)
         high = np.ceil(np.clip(points.max(axis=0) + margin, -9999, 9999)).astype(int) + 1
         return _Layer(what, (int(low[0]), int(low[1]), int(high[0]), int(high[1])), depth_m, motion_px)

@@ -137,9 +137,7 @@ def _number(value: float | None, digits: int) -> str:
 
 
 @contextmanager
-def encoder(
-    path: Path, world: World, megabits: float = MEGABITS
-) -> Iterator[Callable[[BgrImage, int], None]]:
+def encoder(path: Path, world: World, megabits: float = MEGABITS) -> Iterator[Callable[[BgrImage, int], None]]:
     """An H.264 file as an action camera writes it; call the result with (picture, container ticks).
 
     High profile, 4:2:0 with chroma left of centre, BT.709 limited range, no B-frames, a key frame every 60
@@ -150,9 +148,7 @@ def encoder(
 
     ticks = np.diff(world.ticks) if len(world.ticks) > 1 else np.array([1001])
     rate = 1 / (world.time_base * int(np.median(ticks)))
-    container = av.open(
-        str(path), "w", format="mp4", options={"fflags": "+bitexact", "movflags": "+faststart"}
-    )
+    container = av.open(str(path), "w", format="mp4", options={"fflags": "+bitexact", "movflags": "+faststart"})
     stream = container.add_stream("libx264", rate=rate)
     context = stream.codec_context
     stream.width, stream.height, stream.pix_fmt = world.camera.width_px, world.camera.height_px, "yuv420p"
@@ -200,6 +196,6 @@ def to_yuv420(picture: BgrImage) -> npt.NDArray[np.uint8]:
     # Chroma belongs to even columns and lies between the rows: weights 1 2 1 across, 1 1 down.
     soft = cv2.sepFilter2D(yuv[..., 1:], -1, np.array([0.25, 0.5, 0.25]), np.array([0.5, 0.5]), anchor=(1, 0))
     chroma = soft[::2, ::2]
-    return np.concatenate([yuv[..., 0].ravel(), chroma[..., 0].ravel(), chroma[..., 1].ravel()]).reshape(
-        -1, width
-    )[: height * 3 // 2]
+    return np.concatenate([yuv[..., 0].ravel(), chroma[..., 0].ravel(), chroma[..., 1].ravel()]).reshape(-1, width)[
+        : height * 3 // 2
+    ]

@@ -15,10 +15,16 @@ class JuryConfig(StageConfig):
 
     th1: float = Field(4.0, ge=0, le=6, description="a sum of votes above this verifies the claim")
     th2: float = Field(3.0, ge=0, le=6, description="a sum below this rejects it; between: doubtful")
-    seed_colour: float = Field(0.6, ge=0, le=1, description="least share in the seed's colours, over share of outline seen")
+    seed_colour: float = Field(
+        0.6, ge=0, le=1, description="least share in the seed's colours, over share of outline seen"
+    )
     lost_colour: float = Field(0.8, ge=0, le=1, description="the same for a marker that was lost")
-    seed_around: float = Field(0.55, ge=0, le=1, description="most that colour may surround a claim of which little is seen")
-    seed_template: float = Field(0.6, ge=0, le=1, description="least overlap of the seed's template with a claim little seen")
+    seed_around: float = Field(
+        0.55, ge=0, le=1, description="most that colour may surround a claim of which little is seen"
+    )
+    seed_template: float = Field(
+        0.6, ge=0, le=1, description="least overlap of the seed's template with a claim little seen"
+    )
     lost_visible: float = Field(0.4, ge=0, le=1, description="least share of the outline of a marker that was lost")
     visible: float = Field(0.3, ge=0, le=1, description="least share of the outline that shows an edge")
 

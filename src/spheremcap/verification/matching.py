@@ -130,10 +130,10 @@ def _window_sums(image: F32, rows: int, columns: int) -> npt.NDArray[np.float64]
 def _sad(template: F32, search: F32) -> F32:
     """Eq 3.5 over three channels; direct, so about n^2 times the work of one correlation shift."""
     windows = np.lib.stride_tricks.sliding_window_view(search, template.shape[:2], axis=(0, 1))
-    out = np.empty(windows.shape[:2], np.float32)
-    goal = np.ascontiguousarray(template.transpose(2, 0, 1))
-    for row in range(out.shape[0]):
-        out[row] = np.abs(windows[row] - goal).reshape(out.shape[1], -1).sum(axis=1)
+    out = np.zeros((search.shape[0] - template.shape[0] + 1, search.shape[1] - template.shape[1] + 1), np.float32)
+    goal: F32 = np.ascontiguousarray(np.moveaxis(template, 2, 0))
+    for row in range(len(out)):
+        out[row] = np.abs(windows[row] - goal).reshape(len(out[row]), -1).sum(axis=1)
     return out
 
 
