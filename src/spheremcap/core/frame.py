@@ -131,18 +131,10 @@ class Patch:
         """(h, w) luma 0..255."""
         return cv2.cvtColor(self.bgr, cv2.COLOR_BGR2GRAY)  # type: ignore[return-value]
 
-    @cached_property
-    def ycc(self) -> npt.NDArray[np.float32]:
-        """(h, w, 3) luma and the chroma differences R - Y and B - Y as video has them, gamma-encoded; luma 0..1,
-        chroma -0.5..0.5."""
-        return cv2.cvtColor(self.bgr, cv2.COLOR_BGR2YCrCb) * np.float32(1 / 255) - _CHROMA_ZERO
-
     def local(self, circle: Circle) -> Circle:
         """The circle in patch coordinates."""
         return circle.shifted(-self.window.x, -self.window.y)
 
-
-_CHROMA_ZERO = np.array([0, 128 / 255, 128 / 255], np.float32)
 
 _KR_KB = {"bt601": (0.299, 0.114), "bt709": (0.2126, 0.0722), "bt2020": (0.2627, 0.0593)}
 

@@ -24,7 +24,7 @@ F32 = npt.NDArray[np.float32]
 class EdgeConfig(StageConfig):
     """Ours throughout; the figures behind the defaults stand in docs/experiments.md."""
 
-    rays: int = Field(72, ge=16, le=360, description="rays around the outline")
+    rays: int = Field(48, ge=16, le=360, description="rays around the outline")
     blur_sigma_px: float = Field(0.5, gt=0, description="Gaussian blur of lens, sensor and codec")
     learn_blur: bool = Field(True, description="look at the seed for a softer lens than `blur_sigma_px`")
     chroma_sigma_px: float = Field(1.0, gt=0, description="further blur of chroma at half resolution")
@@ -88,7 +88,7 @@ def find_edges(
     fine = step / 2
     u = np.arange(-np.ceil(inner / step), np.ceil(outer / step) + 1) * step  # (M,)
 
-    samples = _sample(patch.ycc, local, normal, u)  # (N, M, 3)
+    samples = _sample(patch.bgr, local, normal, u)  # (N, M, 3)
     x0, y0, x1, y1 = patch.picture
     ends = local[:, None, :] + normal[:, None, :] * np.array([-margin, margin])[:, None]
     inside = ((ends[..., 0] >= x0) & (ends[..., 0] <= x1 - 1) & (ends[..., 1] >= y0) & (ends[..., 1] <= y1 - 1)).all(
@@ -176,10 +176,11 @@ def find_edges(
     )
 
 
-def _sample(image: F32, origin: FloatArray, normal: FloatArray, u: FloatArray) -> F32:
-    """(N, M, 3) bilinear values at origin + u * normal; the patch's border repeats outside."""
+def _sample(image: npt.NDArray[np.uint8], origin: FloatArray, normal: FloatArray, u: FloatArray) -> FloatArray:
+    """Luma and chroma (N, M, 3), code values 0..1, at origin + u * normal, bilinear; the patch's border repeats."""
     xy = (origin[:, None, :] + normal[:, None, :] * u[None, :, None]).astype(np.float32)
-    return cv2.remap(image, xy, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[return-value, call-overload]
+    bgr = cv2.remap(image, xy, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    return bgr @ (_BGR_TO_YCC.T / 255)
 
 
 def _level(samples: F32, where: npt.NDArray[np.bool_]) -> FloatArray:

@@ -158,7 +158,8 @@ def fit_sphere(
     covariance is that of the weighted fit, widened once more when its residuals are larger than stated.
 
     `hold` keeps the distance near that of `start_m`, with this relative deviation, while the weights settle: the
-    straight edge of an occluder then loses its say instead of shrinking the circle. The last rounds are free of it. `near` says
+    straight edge of an occluder then loses its say instead of shrinking the circle. The last rounds are free of it.
+    `near` says
     that the start is close and no other cone needs to be looked for.
     """
     centre = start_m.astype(np.float64) if near else _best_start(rays, sd_rad, radius_m, start_m, hold)
