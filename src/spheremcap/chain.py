@@ -402,7 +402,7 @@ class MarkerChain:
             found = seen
             if found.distance(circle) > 1.5 * circle.r_px:
                 return None
-            if not coarse and found.distance(before) + abs(found.r_px - before.r_px) < _SETTLED_PX:
+            if not coarse and found.distance(before) + abs(found.r_px - before.r_px) < min(_SETTLED_PX, 0.04 * circle.r_px):
                 break
         assert edges is not None
         assert fit is not None

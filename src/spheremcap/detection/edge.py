@@ -265,7 +265,7 @@ def _profile(
     coded = to_code(mixed) @ _BGR_TO_YCC.T
     chroma = coded[..., 1:].transpose(0, 2, 1).reshape(-1, len(v))
     soft = _gauss(chroma, config.chroma_sigma_px / fine)
-    part = min(1.0, config.chroma_sigma_px**2 / (2 * r_px) / fine)
+    part = min(1.0, 1.5 * config.chroma_sigma_px**2 / (2 * r_px) / fine)  # 1.5: sampled twice, in both directions
     soft[:, :-1] += part * (soft[:, 1:] - soft[:, :-1])
     soft = soft.reshape(len(limb), 2, len(v)).transpose(0, 2, 1)
     return np.concatenate([coded[..., :1], soft], axis=2)
