@@ -130,7 +130,6 @@ def test_what_only_looks_like_a_length_is_refused_too(settings_file, text):
         load_settings(settings_file(f'[[markers]]\nname = "a"\ndiameter = "{text}"'))
 
 
-@pytest.mark.xfail(strict=True, reason="diameter silently wins over diameter_m")
 def test_both_diameters_at_once_are_refused(settings_file):
     with pytest.raises(SettingsError):
         load_settings(settings_file('[[markers]]\nname = "a"\ndiameter = "4 cm"\ndiameter_m = 0.05'))

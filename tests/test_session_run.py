@@ -180,11 +180,6 @@ def test_a_later_seed_is_a_correction():
         assert estimate.circle.distance(truth(wrist(estimate.frame_index))) < 0.35
 
 
-@pytest.mark.xfail(
-    strict=True,
-    raises=cv2.error,
-    reason="a seed on greyish red background learns a hue that wraps: mask() fails in cv2",
-)
 def test_a_seed_on_nothing_in_particular_does_not_end_the_run():
     astray = Seed("wrist", 0, Circle(30.0, 215.0, 13.0))
     assert len(list(lone().run(frames(3)))) == 3

@@ -402,7 +402,9 @@ class MarkerChain:
             found = seen
             if found.distance(circle) > 1.5 * circle.r_px:
                 return None
-            if not coarse and found.distance(before) + abs(found.r_px - before.r_px) < min(_SETTLED_PX, 0.04 * circle.r_px):
+            if not coarse and found.distance(before) + abs(found.r_px - before.r_px) < min(
+                _SETTLED_PX, 0.04 * circle.r_px
+            ):
                 break
         assert edges is not None
         assert fit is not None
@@ -513,8 +515,11 @@ class MarkerChain:
             self._kcf.train(patch, circle)
         self._verified += 1
         self._before = (patch, circle)
-        values = patch.hsv[disc_mask(patch, circle, 0.6)][:, 2]
-        if len(values):
+        pixels = patch.hsv[disc_mask(patch, circle, 0.6)][None]
+        assert self._box is not None
+        own = replace(self._box, value=(0.0, 255.0)).mask(pixels) > 0  # not an occluder's
+        values = pixels[own][:, 2]
+        if len(values) > 8:
             self._gain += 0.5 * (float(np.clip(np.median(values) / self._box_value, 0.1, 4)) - self._gain)
 
     def _miss(

@@ -104,9 +104,11 @@ def test_a_sphere_not_wholly_before_the_camera_has_no_circle(z):
 
 @given(places, radii)
 def test_circle_of_sphere_and_back_is_the_same_sphere(xyz, radius):
-    # To the accuracy of a polygon of 36 points for an ellipse: well below a thousandth of the distance.
+    # To the accuracy of a polygon of 24 points for an outline that perspective spreads unevenly: its error grows with
+    # the square of the angular radius, 2e-5 of the distance for a 4 cm marker at 0.3 m.
+    distance = np.linalg.norm(xyz)
     back = sphere_of_circle(circle_of_sphere(xyz, radius, PLAIN), radius, PLAIN)
-    np.testing.assert_allclose(back, xyz, atol=3e-4 * np.linalg.norm(xyz))
+    assert np.linalg.norm(back - xyz) < distance * (0.008 * (radius / distance) ** 2 + 1e-9)
 
 
 @pytest.mark.parametrize("camera", [GOPRO, FISHEYE], ids=["plumb_bob", "fisheye"])
@@ -142,17 +144,12 @@ def test_ranging_from_a_circles_radius_is_biased_off_the_axis_by_the_stated_figu
     """docs/method.md 4, at 1 m, the constant right on the axis: similar triangles (eq 3.10) give a depth."""
     xyz = off_axis(degrees)
     circle = truth(Ball(tuple(xyz), radius_m=R), PLAIN)
-    depth = np.linalg.norm(thesis_position(circle, R, PLAIN.fx_px, PLAIN))
+    depth = thesis_position(circle, R, PLAIN.fx_px, PLAIN)[2]
     assert (depth / np.cos(np.radians(degrees)) - 1) * 1000 == pytest.approx(bias_mm, abs=1)
     exact = np.linalg.norm(sphere_of_circle(circle, R, PLAIN))
     assert abs(exact - 1) * 1000 < 1e-6
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="thesis_position lays eq 3.12's depth along the slanted ray: too near by cos(angle) once more: "
-    "-23/-89/-170 mm instead of -8/-31/-61",
-)
 @pytest.mark.parametrize(("degrees", "bias_mm"), [(10, -8), (20, -31), (28, -61)])
 def test_the_thesis_position_is_biased_by_those_figures(degrees, bias_mm):
     xyz = off_axis(degrees)
@@ -166,10 +163,10 @@ def test_the_thesis_own_example():
     np.testing.assert_allclose(xyz, [0, 0, 1.0296], atol=5e-5)
 
 
-def test_the_thesis_distance_runs_along_the_ray():
+def test_the_thesis_distance_is_a_depth_on_the_ray_through_the_circles_centre():
     circle = Circle(1100, 100, 20)
     xyz = thesis_position(circle, 0.017, 1211.27, PLAIN)
-    assert np.linalg.norm(xyz) == pytest.approx(1211.27 * 0.017 / 20)
+    assert xyz[2] == pytest.approx(1211.27 * 0.017 / 20)
     np.testing.assert_allclose(PLAIN.project(xyz[None])[0], (1100, 100))
 
 
@@ -279,10 +276,6 @@ def mean_nees(arc, degrees):
     return float(np.mean(nees))
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="hypot(stated, median residual) counts honest noise twice: NEES 1.2 to 1.4 instead of 3",
-)
 @pytest.mark.parametrize("arc", [72, 36])
 @pytest.mark.parametrize("degrees", [0, 25])
 def test_the_covariance_is_honest_within_a_factor_of_two(arc, degrees):

@@ -96,10 +96,6 @@ def test_the_nine_insensitive_features_do_not_tell_dark_on_bright_from_bright_on
     assert_sign_blind(untied_picture(16, 20))
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="np.rint rounds 4.5 to 4 and 13.5 to 14: gradients straight up and straight down part company",
-)
 def test_that_holds_for_gradients_straight_up_and_down_too():
     assert_sign_blind(smooth_picture())
 

@@ -35,7 +35,8 @@ TEXTURE = np.clip(
 def test_a_textured_picture_scaled_by_a_ratio_gives_that_ratio(ratio, r_px):
     image, circle = TEXTURE.astype(np.uint8), Circle(CIRCLE.x_px, CIRCLE.y_px, r_px)
     found = geometry_scale(whole(image), circle, whole(resized(image, ratio)), circle, PointsConfig())
-    assert found == pytest.approx(ratio, abs=0.006)
+    # All points are just inside the outline, 24 of them: of 16 pixels across, interpolation takes its share.
+    assert found == pytest.approx(ratio, abs=0.01 if r_px == 8 else 0.006)
 
 
 @pytest.mark.parametrize("ratio", RATIOS)

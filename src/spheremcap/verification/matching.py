@@ -74,7 +74,9 @@ def match(
     n = template.pixels.shape[0]
     if search.shape[0] < n + 2:
         search = _resampled(patch, around.x_px, around.y_px, (n / 2 + 2) / scale, scale)
-    maps = six_maps(template.pixels, search, config.difference)
+    # The thesis takes both pictures to have zero mean (before eq 3.2); without it CCORR finds whatever is brightest.
+    mean = search.mean(axis=(0, 1))
+    maps = six_maps(template.pixels - mean, search - mean, config.difference)
     out = []
     for name, values in maps.items():
         low = name.startswith(("SQDIFF", "SAD"))
