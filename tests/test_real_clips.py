@@ -1,5 +1,7 @@
-"""Real footage with hand-made truth, where there is any: `<clip>.mp4|avi` beside `<clip>.csv` (frame,x,y,r) in the folder
-that SPHEREMCAP_CLIPS names, or in shared/real beside the checkout."""
+"""Real footage with hand-made truth, where there is any: `<clip>.mp4|avi` beside `<clip>.csv` (frame,x,y,r).
+
+In the folder that SPHEREMCAP_CLIPS names, or in shared/real beside the checkout.
+"""
 
 import csv
 import os

@@ -85,7 +85,7 @@ def rotated(path: Path, counter_clockwise_deg: int, **more: Any) -> Path:
     """A phone held on its side: the pictures are stored lying down, a display matrix turns them upright."""
     return video(
         path, 3, prepare=lambda stream: stream.set_display_rotation(counter_clockwise_deg, **more),
-        options={"crf": "5"},
+        options={"crf": "5", "bf": "0"},
     )  # fmt: skip
 
 

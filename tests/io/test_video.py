@@ -169,7 +169,8 @@ def test_rotated_and_mirrored_video_is_upright(tmp_path: Path, turn: int, clockw
     assert difference(got[0].full, upright).mean() < 1.5
     assert difference(got[0].full, upright).max() < 25
     check_patches(got[0])
-    lying = frames(media.video(tmp_path / "lying.mp4", 3, options={"crf": "5"}))[0][0].full
+    # Without B-frames: with them x264 does not give the same bytes every time.
+    lying = frames(media.video(tmp_path / "lying.mp4", 3, options={"crf": "5", "bf": "0"}))[0][0].full
     same = displayed_by_matrix(path, lying) if turn or mirrored else lying
     assert difference(got[0].full, same).max() <= 1  # the chroma grid turns with the picture
     if turn or mirrored:

