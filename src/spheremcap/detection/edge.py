@@ -18,7 +18,6 @@ from spheremcap.core.frame import Patch
 from spheremcap.core.stage import StageConfig
 
 FloatArray = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
 
 
 class EdgeConfig(StageConfig):
@@ -183,7 +182,7 @@ def _sample(image: npt.NDArray[np.uint8], origin: FloatArray, normal: FloatArray
     return bgr @ (_BGR_TO_YCC.T / 255)
 
 
-def _level(samples: F32, where: npt.NDArray[np.bool_]) -> FloatArray:
+def _level(samples: FloatArray, where: npt.NDArray[np.bool_]) -> FloatArray:
     """Mean colour (N, 3) of each ray over the samples chosen."""
     weight = where / np.maximum(where.sum(axis=1, keepdims=True), 1)
     return np.einsum("nmc,nm->nc", samples, weight)
