@@ -17,6 +17,8 @@ from spheremcap.core.time import NS_PER_S
 
 FloatArray = npt.NDArray[np.float64]
 
+_FASTEST_MPS = 100.0  # no marker's speed is less sure than this
+
 
 class KalmanConfig(StageConfig):
     """Racing wrists accelerate up to about 100 m/s^2 at the hand rim, about 60 between."""
@@ -29,11 +31,15 @@ class KalmanConfig(StageConfig):
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """The filter at one stamp: state (6,) and covariance (6, 6), after the update when there was one."""
+    """The filter at one stamp: state (6,) and covariance (6, 6), after the update when there was one.
+
+    `widened` is the factor by which the predicted covariance was widened before that update; 1 when it was not.
+    """
 
     stamp_ns: int
     state: FloatArray
     covariance: FloatArray
+    widened: float = 1.0
 
     @property
     def xyz_cam_m(self) -> FloatArray:
@@ -53,6 +59,7 @@ class Track3D:
         self._filter = KalmanFilter(dim_x=6, dim_z=3)
         self._filter.H = np.eye(3, 6)
         self._stamp_ns: int | None = None
+        self._widened = 1.0
 
     @property
     def started(self) -> bool:
@@ -70,7 +77,7 @@ class Track3D:
         self._filter.P = np.zeros((6, 6))
         self._filter.P[:3, :3] = covariance_m2
         self._filter.P[3:, 3:] = np.eye(3) * self.config.start_speed_mps**2
-        self._stamp_ns = stamp_ns
+        self._stamp_ns, self._widened = stamp_ns, 1.0
 
     def stop(self) -> None:
         """Forget the state: the marker is lost."""
@@ -85,13 +92,13 @@ class Track3D:
         if not self.config.enabled:
             f = np.eye(6)
         self._filter.predict(F=f, Q=q)
-        self._stamp_ns = stamp_ns
+        self._stamp_ns, self._widened = stamp_ns, 1.0
         return self.now
 
     @property
     def now(self) -> Moment:
         assert self._stamp_ns is not None
-        return Moment(self._stamp_ns, np.array(self._filter.x).ravel(), np.array(self._filter.P))
+        return Moment(self._stamp_ns, np.array(self._filter.x).ravel(), np.array(self._filter.P), self._widened)
 
     def distance2(self, xyz_cam_m: FloatArray, covariance_m2: FloatArray) -> float:
         """Squared Mahalanobis distance of a measurement from the prediction (normalised innovation squared)."""
@@ -109,7 +116,9 @@ class Track3D:
         """
         surprise = self.distance2(xyz_cam_m, covariance_m2) / self._gate
         if surprise > 1:
-            self._filter.P = self._filter.P * surprise
+            fastest = _FASTEST_MPS**2 / float(np.diag(self._filter.P)[3:].max())
+            self._widened = min(surprise, max(1.0, fastest))
+            self._filter.P = self._filter.P * self._widened
         self._filter.update(xyz_cam_m, R=covariance_m2)
         self._filter.P = (self._filter.P + self._filter.P.T) / 2
         return self.now
@@ -127,7 +136,10 @@ def smooth(moments: list[Moment], acceleration_mps2: float) -> list[Moment]:
     """Rauch-Tung-Striebel smoothing of filtered moments in order of time (filterpy's rts_smoother)."""
     if len(moments) < 2:
         return list(moments)
-    steps = [transition((b.stamp_ns - a.stamp_ns) / NS_PER_S, acceleration_mps2) for a, b in pairwise(moments)]
+    steps = []
+    for a, b in pairwise(moments):
+        f, q = transition((b.stamp_ns - a.stamp_ns) / NS_PER_S, acceleration_mps2)
+        steps.append((f, q + (b.widened - 1) * (f @ a.covariance @ f.T + q)))
     fs, qs = zip(*steps, steps[-1], strict=True)  # step k leads from k to k + 1; the last is never used
     states, covariances, _, _ = rts_smoother(
         np.array([m.state for m in moments]), np.array([m.covariance for m in moments]), list(fs), list(qs)
