@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,12 @@ import spheremcap
 from clips import COUNT, balls, rows, write_clip, write_recording
 from scenes import CAMERA, truth
 from spheremcap import api
+from spheremcap.config import Settings
+from spheremcap.core.circle import Circle
+from spheremcap.core.marker import Seed
 from spheremcap.core.presets import PRESETS
+from spheremcap.io.encode import write_video
+from spheremcap.io.mcap_images import McapImageSource
 
 
 @pytest.fixture(scope="module")
@@ -117,3 +123,13 @@ def test_the_camera_is_the_settings_then_the_one_beside_the_pictures() -> None:
     assert resolve(SETTINGS.camera, 640, 480, Path())[0].fx_px == pytest.approx(2 * CAMERA.fx_px)
     with pytest.raises(api.UsageError, match="another shape"):
         resolve(SETTINGS.camera, 640, 360, Path())
+
+
+def test_a_recording_that_begins_at_time_zero_can_be_tracked_again(tmp_path):
+    pictures = [np.full((64, 96, 3), 90 + k, np.uint8) for k in range(12)]
+    write_video(tmp_path / "clip.mp4", pictures, Fraction(240))
+    seed = Seed("ball", 0, Circle(40, 30, 8))
+    api.track(tmp_path / "clip.mp4", tmp_path / "out.mcap", Settings(), [seed])
+    source = McapImageSource(tmp_path / "out.mcap", "/camera/video")
+    assert [frame.stamp_ns for frame in source.frames()][:2] == [0, 4166667]
+    source.close()

@@ -501,7 +501,7 @@ class McapImageSource:
                 "log": message.log_time,
                 "publish": message.publish_time,
             }[self.time]
-            if not stamp_ns:
+            if stamp_ns == 0 and message.log_time != 0:  # a recording may begin at 0, as videos without a date do
                 raise SourceError(f"{self.path}: {self.topic}: message {index} has no {self.time} time: use --time log")
             if self.end_ns is not None and stamp_ns >= self.end_ns:
                 if stamp_ns >= self.end_ns + 1_000_000_000:
