@@ -501,7 +501,8 @@ class McapImageSource:
                 "log": message.log_time,
                 "publish": message.publish_time,
             }[self.time]
-            if stamp_ns == 0 and message.log_time != 0:  # a recording may begin at 0, as videos without a date do
+            # A recording may begin at 0, as that of a video without a date does; elsewhere 0 says: not set.
+            if stamp_ns is None or (stamp_ns == 0 and message.log_time != 0):
                 raise SourceError(f"{self.path}: {self.topic}: message {index} has no {self.time} time: use --time log")
             if self.end_ns is not None and stamp_ns >= self.end_ns:
                 if stamp_ns >= self.end_ns + 1_000_000_000:
