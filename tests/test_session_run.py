@@ -314,3 +314,22 @@ def test_without_a_calibrated_camera_there_are_no_poses():
 def test_views_are_kept_where_they_are_asked_for():
     results = list(session(keep_view=lambda e: e.marker == "elbow" and e.frame_index % 3 == 0).run(frames(8)))
     assert [[v.marker for v in r.views] for r in results] == [[], [], [], ["elbow"], [], [], ["elbow"], []]
+
+
+def test_a_lost_marker_is_not_found_where_another_one_is():
+    """Two of one colour; the far one is covered for good while the near one comes close to where it was."""
+    far = Ball((0.02, 0.0, 0.95), ORANGE)
+
+    def near(i):
+        return Ball((0.02 - 0.15 + 0.006 * min(i, 22), 0.03, 0.85), ORANGE)
+
+    def drawn(i):
+        gone = i > 5
+        return picture(*([] if gone else [far]), near(i), noise_seed=i)
+
+    seeds = (Seed("wrist", 0, truth(far)), Seed("elbow", 0, truth(near(0))))
+    results = list(session(seeds).run(bgr_frame(drawn(i), i) for i in range(60)))
+    gone = [e for e in of(results, "wrist") if e.frame_index > 5]
+    assert not any(e.status.measured for e in gone)
+    assert gone[-1].status is Status.LOST
+    assert all(e.status.measured for e in of(results, "elbow"))

@@ -4,6 +4,7 @@ predict -> KCF -> points -> Hough and colour -> edges -> claim -> six votes -> v
 A miss is data, never an exception. Nothing here reads files, logs or draws.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +31,7 @@ from spheremcap.detection.colour import (
 )
 from spheremcap.detection.edge import EdgeConfig, EdgePoints, find_edges
 from spheremcap.detection.hough import HoughConfig, hough_circles
+from spheremcap.detection.shutter import AT_REST, Motion, Shutter
 from spheremcap.positioning.kalman import KalmanConfig, Moment, Track3D
 from spheremcap.positioning.sphere import (
     PositionConfig,
@@ -83,6 +85,7 @@ class _Measured:
     proposer: str
     edges: EdgePoints
     edge_weights: FloatArray
+    edges_outside_px: FloatArray  # of the outline
 
 
 class MarkerChain:
@@ -90,7 +93,9 @@ class MarkerChain:
 
     `metric` False means that the camera is only assumed: tracking works, but no metres are given out.
     `exposure_s` is the exposure time; 0 when it is not known: it is then learnt from how blurred the
-    marker's outline is while it moves. `view` holds the last frame's StageView when `step` was asked to keep it.
+    marker's outline is while it moves. `readout_s` is the time from the first row's exposure to the last one's (rolling
+    shutter, 0 for a global one); None when it is not known: it is then learnt, and until then distances are less sure
+    while the marker moves up or down. `view` holds the last frame's StageView when `step` was asked to keep it.
     """
 
     def __init__(
@@ -100,8 +105,10 @@ class MarkerChain:
         config: ChainConfig,
         exposure_s: float = 0.0,
         metric: bool = True,
+        readout_s: float | None = None,
     ) -> None:
         self.spec, self.camera, self.config, self.metric = spec, camera, config, metric
+        self._shutter = Shutter(readout_s, camera.height_px)
         self.exposure_s = exposure_s
         self._exposure_known = exposure_s > 0
         self.view: StageView | None = None
@@ -122,14 +129,21 @@ class MarkerChain:
         self._last: Circle | None = None  # as last verified
         self._verified = self._moving = self._looks = 0
         self._explained = np.zeros(len(_SOFTNESS))
-        self._seen_stamp_ns = 0
+        self._stamp_ns = 0
         self._seen = Moment(0, np.zeros(6), np.zeros((6, 6)))  # the filter's state when last verified
         self._before: tuple[Patch, Circle] | None = None  # the previous frame's, when it was verified
+        self._taken: Sequence[Circle] = ()
 
     @property
     def moment(self) -> Moment | None:
         """The Kalman filter's state at the last frame; None while the marker is lost or out of view."""
         return self._track.now if self._track.started and self._status.value not in ("LOST", "OUT_OF_VIEW") else None
+
+    @property
+    def range_m(self) -> float:
+        """How far away the filter has the marker, metres; infinite while it is lost or out of view."""
+        moment = self.moment
+        return float("inf") if moment is None else float(np.linalg.norm(moment.xyz_cam_m))
 
     # -- what a person gives ------------------------------------------------------------------------------------
 
@@ -143,7 +157,7 @@ class MarkerChain:
             xyz = sphere_of_circle(circle, self.spec.radius_m, self.camera)
             sd = np.array([1.0, 1.0, 1.0])  # a careful click is good to about a pixel
             covariance = self._circle_covariance(circle, xyz, sd)
-            measured = _Measured(circle, (1.0, 1.0, 1.0), xyz, covariance, 0.0, "seed", _NO_EDGES, np.zeros(0))
+            measured = _Measured(circle, (1.0, 1.0, 1.0), xyz, covariance, 0.0, "seed", _NO_EDGES, _NONE, _NONE)
         pixels = disc_pixels(patch, measured.circle, self.config.colour.sample)
         self._box = learn_box(pixels, self.config.colour)
         self._box_value = max(1.0, float(np.median(pixels[:, 2])))
@@ -155,17 +169,18 @@ class MarkerChain:
         self.view = None
         return self._estimate(frame, Status.SEEDED, measured, claim=circle, search=patch.window)
 
-    def _learn_softness(self, patch: Patch, claim: _Measured, blur_px: FloatArray) -> None:
+    def _learn_softness(self, patch: Patch, claim: _Measured, motion: Motion) -> None:
         """Look again how soft lens and focus are, now that the motion is known, by what explains the outline."""
         if not self.config.edge.learn_blur:
             return
         outline = outline_px(claim.xyz_cam_m, self.spec.radius_m, self.camera, self.config.edge.rays)
+        outline = motion.seen(outline, claim.circle.y_px)
         options = [
             self.config.edge.model_copy(update={"blur_sigma_px": self.config.edge.blur_sigma_px * softness})
             for softness in _SOFTNESS
         ]
         for k, edge in enumerate(options):
-            edges = find_edges(patch, outline, claim.circle.r_px, self._close(claim.circle), blur_px, None, edge)
+            edges = find_edges(patch, outline, claim.circle.r_px, self._close(claim.circle), motion.blur_px, None, edge)
             self._explained[k] += 0.0 if edges is None else edges.explained
         # The sharpest that is about as good as the best: too soft a step takes a dark limb for blur.
         self._looks += 1
@@ -179,7 +194,7 @@ class MarkerChain:
             sigma = self.config.edge.blur_sigma_px * softness
             edge = self.config.edge.model_copy(update={"blur_sigma_px": sigma})
             before, self._edge = self._edge, edge
-            measured = self._refine(patch, circle, "seed", 0.25 * circle.r_px, np.zeros(2), None)
+            measured = self._refine(patch, circle, "seed", 0.25 * circle.r_px, AT_REST, None)
             if _outline_score(measured) > _outline_score(best) + 0.02:
                 best = measured
             else:
@@ -188,19 +203,24 @@ class MarkerChain:
 
     # -- one frame ----------------------------------------------------------------------------------------------
 
-    def step(self, frame: Frame, keep_view: bool = False) -> MarkerEstimate:
-        """Where the marker is on the next frame. Raises RuntimeError before the first seed."""
+    def step(self, frame: Frame, keep_view: bool = False, taken: Sequence[Circle] = ()) -> MarkerEstimate:
+        """Where the marker is on the next frame; not at a circle `taken` by another marker, which would hide it.
+
+        Raises RuntimeError before the first seed.
+        """
         if self._template is None or self._last is None:
             raise RuntimeError(f"{self.spec.name} has not been seeded")
-        self.view = None
+        self.view, self._taken = None, taken
         if self._status in (Status.LOST, Status.OUT_OF_VIEW):
             return self._search(frame, keep_view)
 
-        interval_s = (frame.stamp_ns - self._seen_stamp_ns) / NS_PER_S
-        self._seen_stamp_ns = frame.stamp_ns
+        interval_s = (frame.stamp_ns - self._stamp_ns) / NS_PER_S
+        self._stamp_ns = frame.stamp_ns
         predicted, spread_px, rate_px = self._predict(frame.stamp_ns)
         if predicted is None:
             return self._miss(frame, None, None)
+        motion = self._shutter.motion(rate_px, self.exposure_s, interval_s)
+        predicted = motion.seen_circle(predicted)
         reach = float(np.clip(3 * spread_px, 0.5 * predicted.r_px, 3 * predicted.r_px))
         patch = Patch(frame, Window.around(predicted, self._kcf.half_side_px(predicted.r_px) + reach))
 
@@ -223,13 +243,17 @@ class MarkerChain:
         close = self._close(predicted)
         claim = None
         if spread_px < max(2.0, 0.15 * predicted.r_px) and predicted.dice(followed) > 0.8:  # they agree: look close by
-            claim = self._refine(patch, predicted, "prediction", close, rate_px * self.exposure_s, mask)
+            claim = self._refine(patch, predicted, "prediction", close, motion, mask)
         if claim is None or claim.visible < 0.6:
-            claim = self._claim(patch, proposals, rate_px * self.exposure_s, mask)
+            claim = self._claim(patch, proposals, motion, mask)
         if not self._exposure_known:
-            claim = self._learn_exposure(patch, proposals, rate_px, interval_s, mask, claim)
-        if claim is not None and claim.visible > 0.6 and self._verified in _SOFTNESS_LOOKS:
-            self._learn_softness(patch, claim, rate_px * self.exposure_s)
+            claim = self._learn_exposure(patch, proposals, motion, rate_px * interval_s, interval_s, mask, claim)
+        if claim is not None and claim.visible > 0.6:
+            if self._verified in _SOFTNESS_LOOKS:
+                self._learn_softness(patch, claim, motion)
+            if claim.proposer == "prediction":
+                points, outside = claim.edges.points_px, claim.edges_outside_px
+                self._shutter.learn(points, outside, claim.edge_weights, claim.circle, motion, rate_px)
         return self._decide(frame, patch, predicted, reach, claim, proposals, mask, hough, keep_view)
 
     def _search(self, frame: Frame, keep_view: bool) -> MarkerEstimate:
@@ -247,7 +271,7 @@ class MarkerChain:
             mask = self._mask(patch, candidate)
             # As large as it was, should a part be hidden; and as large as the blob.
             proposals = [("acquire", usual), ("colour", candidate)]
-            claim = self._claim(patch, proposals, np.zeros(2), mask)
+            claim = self._claim(patch, proposals, AT_REST, mask)
             if claim is None:
                 continue
             slack_m = tolerance_m + 3 * float(np.sqrt(np.trace(claim.covariance_m2)))
@@ -256,6 +280,8 @@ class MarkerChain:
             if abs(np.log(claim.circle.r_px / self._last.r_px)) > size_change:
                 continue
             reach = 0.75 * candidate.r_px
+            if self._is_taken(claim.circle):
+                continue
             estimate = self._decide(frame, patch, candidate, reach, claim, proposals, mask, (), keep_view, lost=True)
             if estimate.status is Status.VERIFIED:
                 return estimate
@@ -296,26 +322,28 @@ class MarkerChain:
         self,
         patch: Patch,
         proposals: list[tuple[str, Circle]],
-        rate_px: FloatArray,
+        motion: Motion,
+        way_px: FloatArray,
         interval_s: float,
         mask: npt.NDArray[np.uint8] | None,
         claim: _Measured | None,
     ) -> _Measured | None:
-        """Try other exposure times on a moving marker, now and then or when its outline is hard to see.
+        """Try other exposure times on a marker that moves by `way_px` (2,) in a frame interval, now and then or when
+        its outline is hard to see.
 
         Keeps the time whose blur explains the outline best, and the claim made with it.
         """
-        self._moving += float(np.hypot(*rate_px)) * interval_s > _BLUR_SHOWS_PX
+        shows = float(np.hypot(*way_px)) > _BLUR_SHOWS_PX
+        self._moving += shows
         clear = claim is not None and claim.visible > 0.5
-        if float(np.hypot(*rate_px)) * interval_s <= _BLUR_SHOWS_PX or (clear and self._moving % 8):
+        if not shows or (clear and self._moving % 8):
             return claim
         best, best_score = claim, _outline_score(claim)
         for share in _EXPOSURES:
-            exposure_s = share * interval_s
-            other = self._claim(patch, proposals, rate_px * exposure_s, mask)
+            other = self._claim(patch, proposals, replace(motion, blur_px=way_px * share), mask)
             if _outline_score(other) > best_score + 0.02:
                 best, best_score = other, _outline_score(other)
-                self.exposure_s = exposure_s
+                self.exposure_s = share * interval_s
         return best
 
     def _mask(self, patch: Patch, near: Circle) -> npt.NDArray[np.uint8] | None:
@@ -335,7 +363,7 @@ class MarkerChain:
         self,
         patch: Patch,
         proposals: list[tuple[str, Circle]],
-        blur_px: FloatArray,
+        motion: Motion,
         mask: npt.NDArray[np.uint8] | None,
     ) -> _Measured | None:
         """The proposal whose neighbourhood shows the most outline, sharpened; proposals alike are tried once."""
@@ -347,7 +375,7 @@ class MarkerChain:
             if any(circle.dice(other) > 0.85 for other in tried):
                 continue
             tried.append(circle)
-            measured = self._refine(patch, circle, name, 0.2 * circle.r_px + 1, blur_px, mask)
+            measured = self._refine(patch, circle, name, 0.2 * circle.r_px + 1, motion, mask)
             if measured is None or not 1 / _SIZE_LEAP < measured.circle.r_px / usual_r_px < _SIZE_LEAP:
                 continue
             # The longest outline, not the largest share: a circle on a part of the marker shows more, of less.
@@ -364,13 +392,13 @@ class MarkerChain:
         circle: Circle,
         proposer: str,
         reach_px: float,
-        blur_px: FloatArray,
+        motion: Motion,
         mask: npt.NDArray[np.uint8] | None,
     ) -> _Measured | None:
         """Edges around a circle and the sphere through them: a coarse look up to `reach_px` away, unless that is close,
         then fine ones close by until the circle rests. None when there is no outline."""
         radius, camera, config = self.spec.radius_m, self.camera, self.config
-        xyz = sphere_of_circle(circle, radius, camera)
+        xyz = sphere_of_circle(motion.still_circle(circle), radius, camera)
         close = self._close(circle)
         hold = _HOLD.get(proposer, 0.01)
         found, edges, fit = circle, None, None
@@ -379,11 +407,12 @@ class MarkerChain:
             outline = outline_px(xyz, radius, camera, config.edge.rays // 2 if coarse else config.edge.rays)
             if not np.isfinite(outline).all():
                 return None
+            outline = motion.seen(outline, found.y_px)
             reach = reach_px if coarse else close
-            edges = find_edges(patch, outline, circle.r_px, reach, blur_px, mask, self._edge, coarse)
+            edges = find_edges(patch, outline, circle.r_px, reach, motion.blur_px, mask, self._edge, coarse)
             if edges is None:
                 return None
-            rays = camera.rays(edges.points_px)
+            rays = camera.rays(motion.still(edges.points_px, found.y_px))
             fit = fit_sphere(
                 rays,
                 edges.sd_px / camera.fx_px,
@@ -399,7 +428,7 @@ class MarkerChain:
             seen = circle_of_sphere(xyz, radius, camera)
             if seen is None or not 0.5 < seen.r_px / circle.r_px < 2:
                 return None
-            found = seen
+            found = motion.seen_circle(seen)
             if found.distance(circle) > 1.5 * circle.r_px:
                 return None
             if not coarse and found.distance(before) + abs(found.r_px - before.r_px) < min(
@@ -409,12 +438,16 @@ class MarkerChain:
         assert edges is not None
         assert fit is not None
         visible = float((fit.weights > 0.3).sum()) / config.edge.rays
-        covariance = fit.covariance_m2 + self._circle_covariance(found, xyz, np.full(3, config.position.systematic_px))
+        # Neighbouring rays share the pixels, so that on a small marker many rays tell no more than a few.
+        shared = max(1.0, config.position.shared_px * config.edge.rays / (2 * np.pi * found.r_px))
+        unsure = np.full(3, config.position.systematic_px)
+        unsure[2] = np.hypot(unsure[2], 0.5 * found.r_px * motion.stretch_sd)
+        covariance = shared * fit.covariance_m2 + self._circle_covariance(found, xyz, unsure)
         if config.position.formula == "circle":
-            xyz = sphere_of_circle(found, radius, camera)
+            xyz = sphere_of_circle(motion.still_circle(found), radius, camera)
         elif config.position.formula == "thesis":
             size = radius if config.position.thesis_size == "radius" else 2 * radius
-            xyz = thesis_position(found, size, config.position.thesis_constant_px, camera)
+            xyz = thesis_position(motion.still_circle(found), size, config.position.thesis_constant_px, camera)
         return _Measured(
             found,
             self._circle_sd(found, xyz, covariance),
@@ -424,6 +457,7 @@ class MarkerChain:
             proposer,
             edges,
             fit.weights,
+            fit.outside_rad * camera.fx_px,
         )
 
     @staticmethod
@@ -483,6 +517,8 @@ class MarkerChain:
         jury = self.config.jury
         if claim.visible < min(jury.lost_visible if lost else jury.visible, 0.5 * self._seed_visible):
             return False
+        if self._is_taken(claim.circle):
+            return False
         if claim.visible < 0.7 and not lost and not self._like_seed(patch, claim.circle):
             return False
         if self.config.colour.enabled:
@@ -498,17 +534,21 @@ class MarkerChain:
         return claim.visible > 0.7 and off < 0.6
 
     def _like_seed(self, patch: Patch, claim: Circle) -> bool:
-        """Whether the seed's own template, the brightness left out, finds the claim too: the last template may have
+        """Whether the seed's own template, at today's brightness, finds the claim too: the last template may have
         drifted with it."""
         assert self._seed_template is not None
-        maps = match(self._seed_template, patch, claim, 0.6 * claim.r_px, self.config.matching)
-        found = next(m for m in maps if m.matcher == "CCOEFF_NORMED")
-        return found.circle.dice(claim) > self.config.jury.seed_template
+        template = replace(self._seed_template, pixels=self._seed_template.pixels * np.float32(self._gain))
+        votes = cast_votes(match(template, patch, claim, 0.6 * claim.r_px, self.config.matching), claim)
+        return vote_sum(votes) > self.config.jury.seed_template * len(votes)
+
+    def _is_taken(self, circle: Circle) -> bool:
+        """Whether another marker is where this circle is, and as large in the picture."""
+        return any(circle.dice(other) > _SAME for other in self._taken)
 
     def _accept(self, frame: Frame, patch: Patch, measured: _Measured, status: Status) -> None:
         """Learn from a verified circle: template, filter, colour gain, size."""
         circle = measured.circle
-        self._status, self.misses, self._seen_stamp_ns = status, 0, frame.stamp_ns
+        self._status, self.misses, self._stamp_ns = status, 0, frame.stamp_ns
         self._last, self._seen = circle, self._track.now
         self._template = make_template(patch, circle, self.config.matching)
         if self._verified % self.config.kcf.train_every == 0:
@@ -680,6 +720,8 @@ def _outline_score(claim: _Measured | None) -> float:
     return -1.0 if claim is None else claim.visible + claim.edges.explained
 
 
+_SAME = 0.8  # Dice overlap from which two markers' circles are one marker, seen by both
 _SIZE_LEAP = 1.5  # most that a claim's size may differ from the first proposal's, either way
 _SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated
+_NONE = np.zeros(0)
 _NO_EDGES = EdgePoints(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.intp), np.zeros(0), 0, 0.0)

@@ -33,6 +33,9 @@ class CameraSettings(StageConfig):
     distortion: tuple[float, ...] = Field((), description="k1 k2 p1 p2 [k3 [k4 k5 k6]] or, fisheye, k1 k2 k3 k4")
     focal_sd: float = Field(0.0, ge=0, description="relative uncertainty of the focal length")
     exposure_s: float = Field(0.0, ge=0, description="exposure time in seconds for the motion blur model; 0: unknown")
+    readout_s: float | None = Field(
+        None, ge=0, description="rolling shutter: seconds from the first row to the last; 0: global shutter"
+    )
 
     @model_validator(mode="after")
     def _one_way(self) -> "CameraSettings":
@@ -43,6 +46,11 @@ class CameraSettings(StageConfig):
         if ways[2] and any(n is None for n in [*numbers, self.width_px, self.height_px]):
             raise ValueError("explicit numbers need width_px, height_px, fx_px, fy_px, cx_px and cy_px")
         return self
+
+    @property
+    def given(self) -> bool:
+        """Whether a camera is named: by preset, file or numbers."""
+        return not (self.preset is None and self.file is None and self.fx_px is None)
 
 
 class MarkerSettings(StageConfig):

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from spheremcap.chain import ChainConfig, MarkerChain
 from spheremcap.core.camera import Camera
+from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import FrameResult, MarkerEstimate, OperatorRequest, SmoothedPose, Status
 from spheremcap.core.frame import Frame
 from spheremcap.core.marker import MarkerSpec, Seed
@@ -55,6 +56,7 @@ class Session:
         *,
         exposure_s: float = 0.0,
         metric: bool = True,
+        readout_s: float | None = None,
         keep_view: Callable[[MarkerEstimate], bool] = lambda estimate: False,
     ) -> None:
         self._keep_view = keep_view
@@ -72,7 +74,7 @@ class Session:
                 raise UsageError(
                     f"marker {marker.name!r} has no seed; give one: --seed {marker.name}@FRAME=X,Y,R (pixels)"
                 )
-            self._lanes[marker.name] = _Lane(MarkerChain(marker, camera, chain, exposure_s, metric), own)
+            self._lanes[marker.name] = _Lane(MarkerChain(marker, camera, chain, exposure_s, metric, readout_s), own)
         self._metric = metric
 
     def run(self, frames: Iterable[Frame]) -> Iterator[FrameResult]:
@@ -98,19 +100,25 @@ class Session:
                 )
 
     def _frame(self, frame: Frame) -> FrameResult:
+        found: dict[str, MarkerEstimate] = {}
+        # A nearer marker hides a farther one, and a lost one is not looked for where others are.
+        for name, lane in sorted(self._lanes.items(), key=lambda item: item[1].chain.range_m):
+            taken = [e.circle for e in found.values() if e.circle is not None and e.status.measured]
+            estimate = self._step(lane, frame, taken)
+            if estimate is not None:
+                found[name] = estimate
         estimates, requests, views = [], [], []
-        for lane in self._lanes.values():
-            estimate = self._step(lane, frame)
-            if estimate is None:
+        for name, lane in self._lanes.items():
+            if name not in found:
                 continue
-            estimates.append(estimate)
-            requests += self._note(lane, estimate)
-            if lane.chain.view is not None and self._keep_view(estimate):
+            estimates.append(found[name])
+            requests += self._note(lane, found[name])
+            if lane.chain.view is not None and self._keep_view(found[name]):
                 views.append(lane.chain.view)
         return FrameResult(frame.index, frame.stamp_ns, tuple(estimates), (), tuple(requests), tuple(views))
 
-    def _step(self, lane: _Lane, frame: Frame) -> MarkerEstimate | None:
-        """The chain's estimate on this frame; None before the marker's first seed."""
+    def _step(self, lane: _Lane, frame: Frame, taken: Sequence[Circle]) -> MarkerEstimate | None:
+        """The chain's estimate on this frame, given the circles of others; None before the marker's first seed."""
         if lane.seeds and lane.seeds[0].frame_index <= frame.index:
             seed = lane.seeds.popleft()
             circle = seed.circle
@@ -122,7 +130,7 @@ class Session:
                 )
             lane.seeded = True
             return lane.chain.seed(frame, circle)
-        return lane.chain.step(frame, keep_view=True) if lane.seeded else None
+        return lane.chain.step(frame, keep_view=True, taken=taken) if lane.seeded else None
 
     def _note(self, lane: _Lane, estimate: MarkerEstimate) -> list[OperatorRequest]:
         """Keep the filter's state for smoothing; ask for a person when the marker has become lost."""

@@ -98,7 +98,7 @@ def track(
     if camera is not None:
         key = "file" if camera.endswith((".yaml", ".yml")) else "preset"
         path = str(Path(camera).resolve()) if key == "file" else camera
-        kept = {"exposure_s": chosen.camera.exposure_s}
+        kept = {"exposure_s": chosen.camera.exposure_s, "readout_s": chosen.camera.readout_s}
         chosen = chosen.model_copy(update={"camera": type(chosen.camera)(**{key: path}, **kept)})
     told = {"video": video, "debug_images": debug_images}
     changes = {key: value for key, value in told.items() if value is not None}

@@ -119,7 +119,7 @@ def find_edges(
     first = int(near.argmax())
     uu = u[near]
     v = np.arange(uu[0] - shift[-1], uu[-1] - shift[0] + fine / 2, fine)  # edge-centred abscissa
-    if config.shading and not coarse and r_px >= 6:
+    if config.shading and not coarse:
         limb = _limb(to_linear(samples[..., 0]), u, r_px, deep & inside[:, None], close, v)
     else:
         limb = np.ones((count, len(v)))

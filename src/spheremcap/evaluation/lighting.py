@@ -118,7 +118,7 @@ def _follow(pictures: list[BgrImage], truth: list[TruthRow], scene: Scene, lut: 
     whole = Circle(round(start.x_px), round(start.y_px), round(start.r_px))
     session = Session(
         scene.camera, [MarkerSpec("marker")], [Seed("marker", 0, whole)], ChainConfig(),
-        exposure_s=scene.world.sensor.exposure_s,
+        exposure_s=scene.world.sensor.exposure_s, readout_s=scene.world.sensor.readout_s,
     )  # fmt: skip
     frames = (BgrFrame(k, scene.stamp_ns(k), lut[picture]) for k, picture in enumerate(pictures))
     estimates: list[MarkerEstimate] = [e for result in session.run(frames) for e in result.estimates]

@@ -136,7 +136,7 @@ def run_alone(trial: Trial, chain: ChainConfig | None = None, frames: Iterable[F
     camera, metric = trial.camera()
     session = Session(
         camera, trial.specs(), trial.seeds, chain or trial.settings.chain, trial.settings.session,
-        exposure_s=trial.settings.camera.exposure_s, metric=metric,
+        exposure_s=trial.settings.camera.exposure_s, metric=metric, readout_s=trial.settings.camera.readout_s,
     )  # fmt: skip
     results = tuple(session.run(trial.frames() if frames is None else frames))
     requests = Counter(request.marker for result in results for request in result.requests)
@@ -192,8 +192,11 @@ def _circle(row: TruthRow | None, frame: Frame) -> Circle | None:
 def chain_methods(trial: Trial, chain: ChainConfig | None = None) -> dict[str, Method]:
     """The chain of each marker of a trial, for `run_reseeded`."""
     camera, metric = trial.camera()
-    config, exposure_s = chain or trial.settings.chain, trial.settings.camera.exposure_s
-    return {spec.name: MarkerChain(spec, camera, config, exposure_s, metric) for spec in trial.specs()}
+    config, known = chain or trial.settings.chain, trial.settings.camera
+    return {
+        spec.name: MarkerChain(spec, camera, config, known.exposure_s, metric, known.readout_s)
+        for spec in trial.specs()
+    }
 
 
 def score_run(trial: Trial, run: Run, burn_in_frames: int = 0) -> Scores:

@@ -29,8 +29,9 @@ class PositionConfig(StageConfig):
     )
     thesis_constant_px: float = Field(1211.27, gt=0, description="f / (2 l_p) of eq 3.12, for `thesis`")
     thesis_size: Literal["radius", "diameter"] = Field("diameter", description="what l_o of eq 3.12 is")
+    shared_px: float = Field(20.0, ge=0, description="length along the outline over which edge points share an error")
     systematic_px: float = Field(
-        0.08,
+        0.03,
         ge=0,
         description="error shared by all edge points (shading, codec), added to the covariance; measured",
     )
@@ -39,12 +40,12 @@ class PositionConfig(StageConfig):
 @dataclass(frozen=True, slots=True)
 class SphereFit:
     """A sphere's centre from edge rays: `xyz_cam_m` (3,), `covariance_m2` (3, 3), the rays' final robust weights (N,)
-    in [0, 1] and residuals (N,) in units of each ray's standard deviation."""
+    in [0, 1] and the angles (N,) in radians by which they lie outside the cone."""
 
     xyz_cam_m: FloatArray
     covariance_m2: FloatArray
     weights: FloatArray
-    residuals: FloatArray
+    outside_rad: FloatArray
 
 
 def outline_rays(xyz_cam_m: FloatArray, radius_m: float, count: int) -> FloatArray:
@@ -189,13 +190,13 @@ def fit_sphere(
         centre = centre - step
         if centre[2] <= radius_m or not np.isfinite(centre).all():
             return None
-    residual = _cone_residual(rays, centre, radius_m)[0] / sd
+    outside = _cone_residual(rays, centre, radius_m)[0]
     effective = float(weights.sum())
     if effective < 5:
         return None
-    spread = float((weights * residual**2).sum()) / max(1.0, effective - 3)
+    spread = float((weights * (outside / sd) ** 2).sum()) / max(1.0, effective - 3)
     covariance = np.linalg.inv(information) * max(1.0, spread)
-    return SphereFit(centre, covariance.astype(np.float64), weights, residual)
+    return SphereFit(centre, covariance.astype(np.float64), weights, outside)
 
 
 _TRIPLES = np.random.default_rng(0).random((48, 3))

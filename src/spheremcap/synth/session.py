@@ -109,6 +109,7 @@ def settings_toml(world: World) -> str:
         f"fx_px = {c.fx_px!r}", f"fy_px = {c.fy_px!r}", f"cx_px = {c.cx_px!r}", f"cy_px = {c.cy_px!r}",
         f'model = "{c.model}"', f"distortion = [{', '.join(repr(k) for k in c.distortion)}]",
         f"exposure_s = {world.sensor.exposure_s:.9g}",
+        f"readout_s = {world.sensor.readout_s:.9g}",
     ]  # fmt: skip
     for ball in world.markers:
         lines += ["", "[[markers]]", f'name = "{ball.name}"', f"diameter_m = {ball.diameter_m!r}"]

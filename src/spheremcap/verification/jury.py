@@ -23,7 +23,7 @@ class JuryConfig(StageConfig):
         0.55, ge=0, le=1, description="most that colour may surround a claim of which little is seen"
     )
     seed_template: float = Field(
-        0.6, ge=0, le=1, description="least overlap of the seed's template with a claim little seen"
+        0.6, ge=0, le=1, description="least vote of the seed's template, on average, for a claim little seen"
     )
     lost_visible: float = Field(0.4, ge=0, le=1, description="least share of the outline of a marker that was lost")
     visible: float = Field(0.3, ge=0, le=1, description="least share of the outline that shows an edge")

@@ -1,7 +1,8 @@
 """Six template matchers from one cross-correlation (thesis eq 3.2-3.7 as corrected in docs/method.md).
 
-OpenCV's TM_ definitions over three channels; every map follows from the cross-correlation and the window sums of g and
-g squared, so the correlation is computed once.
+OpenCV's TM_ definitions over three channels, for a template that is a disc: a square one has the background in its
+corners, and six matchers then outvote a good claim as soon as the marker leaves a bright stripe. Every map follows from
+the cross-correlation and the sums of g and g squared under the disc, so each of these is computed once.
 """
 
 from dataclasses import dataclass
@@ -27,15 +28,16 @@ class MatchingConfig(StageConfig):
 
     difference: Literal["SQDIFF", "SAD"] = Field("SQDIFF", description="SAD is eq 3.5 as the thesis' text has it")
     template_r_px: float = Field(10.0, ge=4, le=40, description="radius at which a larger marker is matched, pixels")
-    margin: float = Field(1.15, ge=0.7, le=2, description="half side of the template in marker radii")
+    margin: float = Field(1.0, ge=0.5, le=2, description="radius of the template's disc in marker radii")
 
 
 @dataclass(frozen=True, slots=True)
 class Template:
     """The marker as last verified: pixels (n, n, 3) float32 around the circle, which has `circle.r_px` in the picture
-    and `r_px` here."""
+    and `r_px` here, and the disc (n, n), 0 or 1, that counts of them."""
 
     pixels: F32
+    disc: F32
     r_px: float
     circle: Circle
 
@@ -57,7 +59,9 @@ def make_template(patch: Patch, circle: Circle, config: MatchingConfig) -> Templ
     """Cut the marker at `circle` (image pixels) out of the patch, reduced when it is larger than `template_r_px`."""
     scale = min(1.0, config.template_r_px / circle.r_px)
     pixels = _resampled(patch, circle.x_px, circle.y_px, config.margin * circle.r_px, scale)
-    return Template(pixels, circle.r_px * scale, circle)
+    off = np.arange(len(pixels), dtype=np.float32) - (len(pixels) - 1) / 2
+    disc = (off * off + (off * off)[:, None] <= (config.margin * circle.r_px * scale) ** 2).astype(np.float32)
+    return Template(pixels, disc, circle.r_px * scale, circle)
 
 
 def match(
@@ -76,7 +80,7 @@ def match(
         search = _resampled(patch, around.x_px, around.y_px, (n / 2 + 2) / scale, scale)
     # The thesis takes both pictures to have zero mean (before eq 3.2); without it CCORR finds whatever is brightest.
     mean = search.mean(axis=(0, 1))
-    maps = six_maps(template.pixels - mean, search - mean, config.difference)
+    maps = six_maps(template.pixels - mean, search - mean, config.difference, template.disc)
     out = []
     for name, values in maps.items():
         low = name.startswith(("SQDIFF", "SAD"))
@@ -91,16 +95,19 @@ def match(
     return tuple(out)
 
 
-def six_maps(template: F32, search: F32, difference: str = "SQDIFF") -> dict[str, F32]:
+def six_maps(template: F32, search: F32, difference: str = "SQDIFF", disc: F32 | None = None) -> dict[str, F32]:
     """All six response maps (rows, columns) of a template (n, n, 3) over a search picture (m, m, 3).
 
-    Normalised maps are 0 where the window or the template has no energy (SQDIFF_NORMED: 1).
+    Of template and window only the pixels count where `disc` (n, n) is 1; all of them for None. Normalised maps are 0
+    where the window or the template has no energy (SQDIFF_NORMED: 1).
     """
-    rows, columns = template.shape[:2]
-    pixels = rows * columns
+    if disc is None:
+        disc = np.ones(template.shape[:2], np.float32)
+    template = template * disc[:, :, None]
+    pixels = float(disc.sum())
     cross = cv2.matchTemplate(search, template, cv2.TM_CCORR)
-    sums = _window_sums(search, rows, columns)  # (h, w, 3)
-    squares = _window_sums((search * search).sum(axis=2), rows, columns)
+    sums = np.stack([cv2.matchTemplate(channel, disc, cv2.TM_CCORR) for channel in cv2.split(search)], axis=2)
+    squares = cv2.matchTemplate((search * search).sum(axis=2), disc, cv2.TM_CCORR)
     f_sums = template.sum(axis=(0, 1))
     f_power = float((template * template).sum())
     f_variance = f_power - float((f_sums * f_sums).sum()) / pixels
@@ -115,27 +122,20 @@ def six_maps(template: F32, search: F32, difference: str = "SQDIFF") -> dict[str
         "CCOEFF_NORMED": coefficient / np.sqrt(np.maximum(g_variance * f_variance, 1e-6)),
     }
     if difference == "SAD":
-        sad = _sad(template, search)
+        sad = _sad(template, search, disc)
         maps |= {"SAD": sad, "SAD_NORMED": sad / np.maximum(np.sqrt(energy * pixels), 1e-6)}
     else:
         maps |= {"SQDIFF": sqdiff, "SQDIFF_NORMED": np.minimum(sqdiff / energy, 1)}
     return {name: np.ascontiguousarray(values, np.float32) for name, values in maps.items()}
 
 
-def _window_sums(image: F32, rows: int, columns: int) -> npt.NDArray[np.float64]:
-    """Sum over every rows x columns window, from an integral image in double precision."""
-    table = cv2.integral(image, sdepth=cv2.CV_64F)
-    low, high = table[:-rows], table[rows:]
-    return high[:, columns:] - low[:, columns:] - high[:, :-columns] + low[:, :-columns]  # type: ignore[return-value]
-
-
-def _sad(template: F32, search: F32) -> F32:
+def _sad(template: F32, search: F32, disc: F32) -> F32:
     """Eq 3.5 over three channels; direct, so about n^2 times the work of one correlation shift."""
     windows = np.lib.stride_tricks.sliding_window_view(search, template.shape[:2], axis=(0, 1))
     out = np.zeros((search.shape[0] - template.shape[0] + 1, search.shape[1] - template.shape[1] + 1), np.float32)
     goal: F32 = np.ascontiguousarray(np.moveaxis(template, 2, 0))
     for row in range(len(out)):
-        out[row] = np.abs(windows[row] - goal).reshape(len(out[row]), -1).sum(axis=1)
+        out[row] = (np.abs(windows[row] - goal) * disc).reshape(len(out[row]), -1).sum(axis=1)
     return out
 
 
