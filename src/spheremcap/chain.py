@@ -225,13 +225,13 @@ class MarkerChain:
         patch = Patch(frame, Window.around(predicted, self._kcf.half_side_px(predicted.r_px) + reach))
 
         # Where to look: KCF around the prediction, the size from points on the marker.
-        answer = self._kcf.locate(patch, predicted, reach)
+        followed = self._kcf.locate(patch, predicted, reach).circle if self.config.kcf.enabled else predicted
         r_px = predicted.r_px
         if self._before is not None and self.config.points.enabled:
-            ratio = geometry_scale(*self._before, patch, answer.circle, self.config.points)
+            ratio = geometry_scale(*self._before, patch, followed, self.config.points)
             if ratio is not None:
                 r_px = float(np.clip(self._before[1].r_px * ratio, 0.9 * r_px, 1.1 * r_px))
-        followed = replace(answer.circle, r_px=r_px)
+        followed = replace(followed, r_px=r_px)
 
         # What is there: circles by gradient and by colour, then sub-pixel edges on whichever has an outline.
         mask = self._mask(patch, followed)
@@ -378,11 +378,13 @@ class MarkerChain:
             measured = self._refine(patch, circle, name, 0.2 * circle.r_px + 1, motion, mask)
             if measured is None or not 1 / _SIZE_LEAP < measured.circle.r_px / usual_r_px < _SIZE_LEAP:
                 continue
-            # The longest outline, not the largest share: a circle on a part of the marker shows more, of less.
-            arc_px = measured.visible * min(measured.circle.r_px, usual_r_px)
+            # The longest outline, not the largest share: a circle on a part of the marker shows more, of less. And
+            # not much larger or smaller than expected: what covers a marker has an outline too.
+            leap = float(np.log(measured.circle.r_px / usual_r_px)) / _SIZE_CHANGE
+            arc_px = measured.visible * min(measured.circle.r_px, usual_r_px) / (1 + leap * leap)
             if best is None or arc_px > best_arc_px:
                 best, best_arc_px = measured, arc_px
-            if best is not None and best.visible > 0.75:
+            if best_arc_px > 0.75 * usual_r_px:
                 break
         return best
 
@@ -441,7 +443,8 @@ class MarkerChain:
         # Neighbouring rays share the pixels, so that on a small marker many rays tell no more than a few.
         shared = max(1.0, config.position.shared_px * config.edge.rays / (2 * np.pi * found.r_px))
         unsure = np.full(3, config.position.systematic_px)
-        unsure[2] = np.hypot(unsure[2], 0.5 * found.r_px * motion.stretch_sd)
+        hidden = _PART_HIDDEN * max(0.0, 0.8 - visible)  # what hides a part may pass for its outline
+        unsure[2] = np.hypot(unsure[2], found.r_px * np.hypot(0.5 * motion.stretch_sd, hidden))
         covariance = shared * fit.covariance_m2 + self._circle_covariance(found, xyz, unsure)
         if config.position.formula == "circle":
             xyz = sphere_of_circle(motion.still_circle(found), radius, camera)
@@ -721,6 +724,8 @@ def _outline_score(claim: _Measured | None) -> float:
 
 
 _SAME = 0.8  # Dice overlap from which two markers' circles are one marker, seen by both
+_PART_HIDDEN = 0.1  # relative deviation of the radius, a share of the outline that is not seen
+_SIZE_CHANGE = 0.1  # of the radius from one frame to the next: as much is usual
 _SIZE_LEAP = 1.5  # most that a claim's size may differ from the first proposal's, either way
 _SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated
 _NONE = np.zeros(0)

@@ -13,6 +13,7 @@ from spheremcap.detection.colour import ColourBox
 class AcquireConfig(StageConfig):
     """Ours. The picture is reduced so far that a marker still spans about `blob_r_px` pixels in radius."""
 
+    enabled: bool = Field(True, description="false: a lost marker waits for a seed (ablation)")
     blob_r_px: float = Field(3.0, ge=1.5, description="radius to which the picture is reduced, pixels")
     most: int = Field(4, ge=1, description="candidates handed on")
     least_fill: float = Field(0.35, gt=0, le=1, description="blob area over its own bounding circle's, at least")
@@ -23,6 +24,8 @@ def acquire(
     frame: Frame, box: ColourBox, gain: float, last: Circle, region: Window, config: AcquireConfig
 ) -> list[Circle]:
     """Candidate circles in image pixels inside `region`, most likely first; `last` is the marker as last verified."""
+    if not config.enabled:
+        return []
     step = max(1, min(8, int(last.r_px / config.blob_r_px)))
     small = frame.reduced(step)
     inside = region.clipped(frame.width_px, frame.height_px)

@@ -33,6 +33,7 @@ class EdgeConfig(StageConfig):
     )
     least_contrast: float = Field(4.0, gt=0, description="step over its own standard deviation that makes an edge")
     shading: bool = Field(True, description="carry the marker's shading on to the limb")
+    chroma: bool = Field(True, description="false: edges in brightness alone (ablation)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,12 +106,14 @@ def find_edges(
     far[:, -2:] = True
     colour_in = _level(samples, close)
     colour_out = _level(samples, far)
-    reference = np.median(colour_in[inside], axis=0)
+    reference = np.sort(colour_in[inside], axis=0)[int(inside.sum()) // 2]
     # What may vary without being an edge: the background's texture and the marker's own shading. A direction that is
     # blind to both (Fisher's discriminant) sees a coloured marker's edge whatever the light does to it.
     within = 0.25 * _scatter(colour_out[inside]) + 0.2 * _scatter(samples[deep & inside[:, None]])
     difference = reference - colour_out
     direction = np.linalg.solve(within + np.eye(3) * config.balance**2, difference.T).T
+    if not config.chroma:
+        direction[:, 1:] = 0
     direction /= np.sqrt(np.maximum((direction * direction).sum(axis=1, keepdims=True), 1e-24))
     profile = np.einsum("nmc,nc->nm", samples, direction)  # (N, M)
 
@@ -282,21 +285,25 @@ def _swept(
 ) -> tuple[FloatArray, FloatArray]:
     """Coverage (V,) and light (N, V) averaged over the exposure, as (N, V); all lengths in samples.
 
-    At time t in [-1/2, 1/2] of the exposure the outline lies t * across - (t * along)^2 / 2r further out.
+    At time t in [-1/2, 1/2] of the exposure the outline lies t * across - (t * along)^2 / 2r further out: a mean over
+    `across` samples, from a running sum, about a place that lies along^2 / 24r further in.
     """
-    longest = float(np.hypot(across, along).max())
-    if longest < 1.0:
+    if float(np.hypot(across, along).max()) < 1.0:
         return np.broadcast_to(cover, light.shape), light
-    times = int(np.clip(np.ceil(longest / 3), 3, 24))
-    t = (np.arange(times) + 0.5) / times - 0.5
-    place = t[:, None] * across[None, :] - (t[:, None] * along[None, :]) ** 2 / (2 * r)  # (T, N)
-    at = (np.arange(len(cover))[None, None, :] - place[:, :, None]).clip(0, len(cover) - 1.001)
-    low = at.astype(np.intp)
-    part = at - low
-    swept_cover = ((1 - part) * cover[low] + part * cover[low + 1]).mean(axis=0)
-    rows = np.arange(len(light))[None, :, None]
-    swept_light = ((1 - part) * light[rows, low] + part * light[rows, low + 1]).mean(axis=0)
-    return swept_cover, swept_light
+    length = light.shape[1]
+    both = np.concatenate([np.broadcast_to(cover, light.shape)[:, None], light[:, None]], axis=1)  # (N, 2, V)
+    sums = np.concatenate([np.zeros((*both.shape[:2], 1)), both.cumsum(axis=2)], axis=2)  # up to a sample's left side
+    half = np.maximum(np.abs(across), 1.0)[:, None] / 2
+    middle = np.arange(length) + 0.5 + (along * along / (24 * r))[:, None]
+    ends = np.stack([(middle - half).clip(0, length - 1), (middle + half).clip(1, length - 1e-6)], axis=1)  # (N, 2, V)
+    low = ends.astype(np.intp)
+    part = ends - low
+    rows = np.arange(len(light))[:, None, None]
+    swept = []
+    for one in (0, 1):
+        left = sums[rows, one, low]
+        swept.append(np.diff(left + part * both[rows, one, low], axis=1)[:, 0] / np.diff(ends, axis=1)[:, 0])
+    return swept[0], swept[1]
 
 
 _LEVELS = np.linspace(0, 1, 2049)

@@ -213,43 +213,43 @@ def variants(base: ChainConfig) -> Mapping[str, ChainConfig]:
     def without(stage: str, **changes: Any) -> ChainConfig:
         return base.model_copy(update={stage: getattr(base, stage).model_copy(update=changes)})
 
-    trusting = {"th1": 0.0, "th2": 0.0, "visible": 0.0, "seed_colour": 0.0, "seed_around": 1.0}
-    known = {key: value for key, value in trusting.items() if key in type(base.jury).model_fields}
-    changes: list[tuple[str, str, dict[str, Any]]] = [
-        ("no Hough", "hough", {"enabled": False}),
-        ("no ColorSmartBoundary", "colour", {"enabled": False}),
-        ("no GeometryScale", "points", {"enabled": False}),
-        ("no Kalman prediction", "kalman", {"enabled": False}),
-        ("no votes (TH1 = TH2 = 0)", "jury", {"th1": 0.0, "th2": 0.0}),
-        ("no verification at all", "jury", known),
-        ("no shading model", "edge", {"shading": False}),
-        ("no chroma edges", "edge", {"chroma": False}),
-        ("no KCF", "kcf", {"enabled": False}),
-        ("no re-acquisition", "acquire", {"enabled": False}),
-        ("circle instead of edge rays", "position", {"formula": "circle"}),
-        ("thesis' formula, radius", "position", {"formula": "thesis", "thesis_size": "radius"}),
-    ]
-    able = {
-        name: without(stage, **change)
-        for name, stage, change in changes
-        if set(change) <= set(type(getattr(base, stage)).model_fields)
+    trusting = {"th1": 0.0, "th2": 0.0, "visible": 0.0, "seed_colour": 0.0, "seed_around": 1.0, "seed_template": 0.0}
+    return {
+        "whole chain": base,
+        "no KCF": without("kcf", enabled=False),
+        "no GeometryScale": without("points", enabled=False),
+        "no Hough": without("hough", enabled=False),
+        "no ColorSmartBoundary": without("colour", enabled=False),
+        "no shading model": without("edge", shading=False),
+        "no chroma edges": without("edge", chroma=False),
+        "no votes (TH1 = TH2 = 0)": without("jury", th1=0.0, th2=0.0),
+        "no verification at all": without("jury", **trusting),
+        "no Kalman prediction": without("kalman", enabled=False),
+        "no re-acquisition": without("acquire", enabled=False),
+        "circle instead of edge rays": without("position", formula="circle"),
+        "thesis' formula, radius": without("position", formula="thesis", thesis_size="radius"),
     }
-    return {"whole chain": base, **able}
 
 
 def ablation(lab: Lab) -> Result:
     """What each stage is worth: the chain alone without it, over all sessions."""
     trials = lab.trials()
-    names = [*variants(trials[0].settings.chain), "no blur model"]
+    base = trials[0].settings.chain
+    cameras: dict[str, dict[str, Any]] = {
+        "exposure time learnt": {"exposure_s": 0.0},
+        "readout time learnt": {"readout_s": None},
+        "rolling shutter taken for a global one": {"readout_s": 0.0},
+    }
+    names = [*variants(base), *cameras]
     rows: dict[str, list[Scores]] = {name: [] for name in names}
     for trial in trials:
         for name, config in variants(trial.settings.chain).items():
             lab.tell(f"ablation: {trial.name}, {name}")
             rows[name].append(score_run(trial, run_alone(trial, config)))
-        lab.tell(f"ablation: {trial.name}, no blur model")
-        blind = trial.settings.camera.model_copy(update={"exposure_s": 0.0})
-        unblurred = _with_settings(trial, camera=blind)
-        rows["no blur model"].append(score_run(trial, run_alone(unblurred)))
+        for name, change in cameras.items():
+            lab.tell(f"ablation: {trial.name}, {name}")
+            camera = trial.settings.camera.model_copy(update=change)
+            rows[name].append(score_run(trial, run_alone(_with_settings(trial, camera=camera))))
     heading = "accuracy % | of visible % | failures | false accepts | missed % | centre median px | 3D mm | "
     cells = [["", *(heading + "range bias % | requests").split(" | ")]]
     for name, scores in rows.items():

@@ -26,6 +26,7 @@ Complex = npt.NDArray[np.complex64]
 class KcfConfig(StageConfig):
     """Defaults are table 2 of Henriques et al. 2015 for HOG unless a line says otherwise."""
 
+    enabled: bool = Field(True, description="false: the Kalman filter alone says where to look (ablation)")
     kernel: Literal["gaussian", "linear"] = Field("gaussian", description="gaussian is KCF, linear is DCF")
     padding: float = Field(1.5, ge=0.5, le=4, description="window side is (1 + padding) marker diameters")
     cell_px: int = Field(4, ge=2, le=8, description="HOG cell, grid pixels")
