@@ -165,7 +165,8 @@ def fit_sphere(
     """
     centre = start_m.astype(np.float64) if near else _best_start(rays, sd_rad, radius_m, start_m, hold)
     weights = np.ones(len(rays))
-    scales = [*np.geomspace(max(loose, 3.0), 3.0, rounds - 2), 3.0, 3.0]
+    fall = (3.0 / max(loose, 3.0)) ** (1 / max(1, rounds - 3))
+    scales = [*(max(loose, 3.0) * fall**k for k in range(rounds - 2)), 3.0, 3.0]
     information, sd = np.zeros((3, 3)), sd_rad
     held_m = math.sqrt(float(start_m @ start_m))
     for number, scale in enumerate(scales):
@@ -226,7 +227,7 @@ def _best_start(
     # n . q = cos(angle to axis) / cos(alpha): its excess over 1 is the angle times tan(alpha).
     cos_a = 1 / np.maximum(lengths, 1 + 1e-9)
     sin_a = np.sqrt(1 - cos_a * cos_a)
-    off = (normals @ rays.T - 1) * (cos_a / sin_a)[:, None] / (4 * np.maximum(sd_rad, np.median(sd_rad)))
+    off = (normals @ rays.T - 1) * (cos_a / sin_a)[:, None] / (4 * np.maximum(sd_rad, np.partition(sd_rad, count // 2)[count // 2]))
     agreed = (1 / (1 + off * off)).sum(axis=1)
     distance = radius_m / sin_a
     if hold is not None:
