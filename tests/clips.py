@@ -61,7 +61,15 @@ def write_truth(path: Path) -> Path:
     return path
 
 
-def write_recording(path: Path, topics: Sequence[str], *, calibrated: bool = True, other: str = "/tf") -> Path:
+def write_recording(
+    path: Path,
+    topics: Sequence[str],
+    *,
+    calibrated: bool = True,
+    other: str = "/tf",
+    frame_id: str = "cam0",
+    calibrated_for: tuple[int, int] = (CAMERA.width_px, CAMERA.height_px),
+) -> Path:
     """JPEG pictures on each topic with a calibration beside them, and a topic of somebody else's."""
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=50_000)
@@ -87,13 +95,13 @@ def write_recording(path: Path, topics: Sequence[str], *, calibrated: bool = Tru
             for id_ in calibrations if index == 0 else []:
                 f, c = CAMERA.fx_px, (CAMERA.cx_px, CAMERA.cy_px)
                 message = CameraCalibration(
-                    frame_id="cam0", width=CAMERA.width_px, height=CAMERA.height_px,
+                    frame_id=frame_id, width=calibrated_for[0], height=calibrated_for[1],
                     K=[f, 0, c[0], 0, f, c[1], 0, 0, 1],
                 )  # fmt: skip
                 writer.add_message(id_, log, message.SerializeToString(), stamp, index)
             for id_ in images:
                 jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
-                message = CompressedImage(frame_id="cam0", format="jpeg", data=jpeg)
+                message = CompressedImage(frame_id=frame_id, format="jpeg", data=jpeg)
                 message.timestamp.seconds, message.timestamp.nanos = divmod(stamp, 10**9)
                 writer.add_message(id_, log, message.SerializeToString(), stamp, index)
         writer.add_message(foreign, START_NS + 10**9, b"{}", 7, 99)

@@ -2,14 +2,16 @@
 
 import subprocess
 import sys
+import threading
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 import spheremcap
-from clips import COUNT, balls, rows, write_clip, write_recording
+from clips import COUNT, START_NS, balls, rows, write_clip, write_recording
 from scenes import CAMERA, truth
 from spheremcap import api
 from spheremcap.config import Settings
@@ -18,6 +20,9 @@ from spheremcap.core.marker import Seed
 from spheremcap.core.presets import PRESETS
 from spheremcap.io.encode import write_video
 from spheremcap.io.mcap_images import McapImageSource
+from spheremcap.io.mcap_log import McapLog
+from spheremcap.io.video import VideoSource
+from spheremcap.session import SessionConfig
 
 
 @pytest.fixture(scope="module")
@@ -101,12 +106,62 @@ def test_stopping_a_copy_leaves_what_there_was_up_to_then(tmp_path: Path) -> Non
     assert 0 < sum(row[0] == "/front/image" for row in rows(part)) <= 6
 
 
+def test_stopping_while_the_rest_is_copied_is_stopping_too(tmp_path: Path) -> None:
+    log, long, asked = write_recording(tmp_path / "log.mcap", ["/front/image"]), tmp_path / "long.mcap", iter(range(99))
+    with long.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/x", "x", 0)
+        for k in range(3000):
+            writer.add_message(channel, START_NS + 10**10 + k, b"", k)
+        writer.finish()  # type: ignore[no-untyped-call]
+    spheremcap.merge([spheremcap.Source(log), spheremcap.Source(long)], tmp_path / "both.mcap")
+    out = tmp_path / "out.mcap"
+    report = spheremcap.track(tmp_path / "both.mcap", out, SETTINGS, seeds(), stop=lambda: next(asked) >= COUNT)
+    assert (report.stopped, report.frames) == (True, COUNT)
+    assert not out.exists()
+    assert 900 < sum(row[0] == "/x" for row in rows(tmp_path / "out.mcap.part")) < 1024
+
+
 def test_an_error_in_the_middle_leaves_no_output_and_a_readable_part(clip: Path, tmp_path: Path) -> None:
     wrong = [*seeds(), spheremcap.Seed("orange", 8, spheremcap.Circle(900, 90, 18))]
     with pytest.raises(api.UsageError, match=r"clip\.mp4: seed of orange on frame 8"):
         spheremcap.track(clip, tmp_path / "out.mcap", SETTINGS, wrong)
     assert not (tmp_path / "out.mcap").exists()
     rows(tmp_path / "out.mcap.part")
+
+
+@pytest.mark.parametrize("where", ["reading", "writing"])
+def test_nothing_is_decoded_any_more_when_the_file_is_closed(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    threads, closed = threading.active_count(), []
+
+    def broken(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    def close(source: VideoSource) -> None:
+        closed.append(threading.active_count())
+        close_it(source)
+
+    close_it = VideoSource.close
+    monkeypatch.setattr(VideoSource, "close", close)
+    if where == "writing":
+        monkeypatch.setattr(McapLog, "write", broken)
+    options = {"progress": broken} if where == "reading" else {}
+    at_once = SETTINGS.model_copy(update={"session": SessionConfig(smoother_lag_frames=1)})
+    with pytest.raises(KeyboardInterrupt):
+        spheremcap.track(clip, tmp_path / "out.mcap", at_once, seeds(), **options)
+    assert closed == [threads]
+
+
+def test_pictures_that_are_encoded_go_with_their_own_frames(clip: Path, tmp_path: Path) -> None:
+    settings = SETTINGS.model_copy(update={"output": SETTINGS.output.model_copy(update={"video": "jpeg"})})
+    spheremcap.track(clip, tmp_path / "out.mcap", settings, seeds())
+    with VideoSource(clip) as video, McapImageSource(tmp_path / "out.mcap") as written:
+        for given, found in zip(video.frames(), written.frames(), strict=True):
+            assert given.stamp_ns == found.stamp_ns
+            assert np.abs(given.full.astype(int) - found.full).mean() < 2.5
 
 
 def test_the_camera_is_the_settings_then_the_one_beside_the_pictures() -> None:

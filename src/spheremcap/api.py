@@ -4,8 +4,8 @@ import hashlib
 import heapq
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,7 @@ from spheremcap.core.marker import Seed
 from spheremcap.core.presets import PRESETS, assumed_camera
 from spheremcap.core.time import NS_PER_S, format_time
 from spheremcap.errors import UsageError
+from spheremcap.io.ahead import ahead
 from spheremcap.io.camera_file import read_camera_info
 from spheremcap.io.encode import H264Encoder, jpeg_encode
 from spheremcap.io.join import Join, SharedWriter, checked_output, open_output
@@ -94,7 +95,7 @@ def resolve_camera(
         if abs(camera.width_px * height_px - camera.height_px * width_px) > max(width_px, height_px):
             raise UsageError(
                 f"the camera is for {camera.width_px}x{camera.height_px}, the pictures are {width_px}x{height_px}: "
-                "another shape, so another calibration is needed"
+                f"another shape, so another calibration is needed ({note})"
             )
         note += f"; scaled from {camera.width_px}x{camera.height_px}"
         camera = camera.scaled(width_px, height_px)
@@ -144,12 +145,12 @@ def track(
             open_output(out, [path], overwrite=overwrite, compression=settings.output.compression) as writer,
             ExitStack() as logs,
         ):
-            copy = Join(writer, given.streams)
+            copy = Join(writer, given.streams, lambda written: not stop())
             for camera in cameras:
                 logs.enter_context(camera.begin(writer))
             last_ns = 0
-            steps = heapq.merge(*(camera.steps(go_on) for camera in cameras), key=lambda step: step[0])
-            for log_ns, write in steps:
+            steps = [logs.enter_context(closing(camera.steps(go_on))) for camera in cameras]
+            for log_ns, write in heapq.merge(*steps, key=lambda step: step[0]):
                 copy.until(log_ns)
                 write()
                 last_ns = log_ns
@@ -157,6 +158,7 @@ def track(
                 camera.end(report, last_ns)
             if not report.stopped:
                 copy.rest()
+                report.stopped = copy.stopped
             writer.complete = not report.stopped
         report.lost = given.lost() + report.lost
     return report
@@ -176,17 +178,17 @@ class _Camera:
                     f"there are {last} frames (0 to {last - 1})"
                 )
         self._first_seed = min(seeds, key=lambda seed: seed.frame_index, default=None)
-        camera, metric, camera_note = resolve_camera(
-            settings.camera, source.width_px, source.height_px, folder, view.calibration
-        )
+        beside = None if settings.camera.given else view.calibration
+        camera, metric, camera_note = resolve_camera(settings.camera, source.width_px, source.height_px, folder, beside)
         self._encode, video_note = _picture_maker(settings, view)
         self._notes = [camera_note, video_note, *view.notes]
         self._specs = [m.spec() for m in settings.markers]
         self._session = Session(
             camera, self._specs, seeds, settings.chain, settings.session,
-            exposure_s=settings.camera.exposure_s, metric=metric, keep_view=_view_keeper(settings),
+            exposure_s=settings.camera.exposure_s, readout_s=settings.camera.readout_s,
+            metric=metric, keep_view=_view_keeper(settings),
         )  # fmt: skip
-        writes_calibration = metric and not (view.calibrated and camera is view.calibration)
+        writes_calibration = metric and not (view.calibrated and camera is beside)
         self._calibration = camera if writes_calibration else None
         pictures = _PICTURE_TOPICS.get(settings.output.video)
         self._topics = view.topics(pictures=pictures, calibration=writes_calibration)
@@ -204,12 +206,13 @@ class _Camera:
         self._log = McapLog(writer, camera=self._calibration, markers=self._specs, run=self._run, topics=self._topics)
         return self._log
 
-    def steps(self, go_on: Callable[[], bool]) -> Iterator[tuple[int, Callable[[], None]]]:
+    def steps(self, go_on: Callable[[], bool]) -> Generator[tuple[int, Callable[[], None]], None, None]:
         """For each frame the log time of its messages, which never falls, and what writes them.
 
-        `go_on` is asked before each frame.
+        `go_on` is asked before each frame. Pictures are decoded and encoded ahead, until this is closed.
         """
         source = self._view.source
+        encode = self._encode or (lambda frame: None)
         waiting: deque[tuple[EncodedPicture | None, BgrImage | None]] = deque()
         overview_due = _Rate(self._output.debug_rate_hz)
         step = max(1, round(source.width_px / 640))
@@ -217,7 +220,7 @@ class _Camera:
 
         def frames() -> Iterator[Frame]:
             nonlocal stopped
-            for number, frame in enumerate(source.frames()):
+            for number, (frame, picture) in enumerate(pictures):
                 if stopped := not go_on():
                     return
                 seed = self._first_seed
@@ -225,20 +228,20 @@ class _Camera:
                     raise UsageError(
                         f"seed of {seed.marker} on frame {seed.frame_index}: tracking starts on frame {frame.index}"
                     )
-                picture = self._encode(frame) if self._encode is not None else None
                 full = self._output.debug_images == "full" and overview_due(frame.stamp_ns)
                 waiting.append((picture, frame.reduced(step) if full else None))
                 yield frame
 
         log_ns = 0
-        try:
-            for result in self._session.run(frames()):
-                log_ns = max(log_ns, result.stamp_ns)
-                picture, overview = waiting.popleft()
-                yield log_ns, partial(self._write, result, picture, overview, step)
-        except UsageError as error:
-            if not stopped:  # else the seeds that are left are no error
-                raise UsageError(f"{source.path}: {error}") from error
+        with closing(ahead((frame, encode(frame)) for frame in source.frames())) as pictures:
+            try:
+                for result in self._session.run(frames()):
+                    log_ns = max(log_ns, result.stamp_ns)
+                    picture, overview = waiting.popleft()
+                    yield log_ns, partial(self._write, result, picture, overview, step)
+            except UsageError as error:
+                if not stopped:  # else the seeds that are left are no error
+                    raise UsageError(f"{source.path}: {error}") from error
 
     def _write(self, result: FrameResult, picture: EncodedPicture | None, overview: BgrImage | None, step: int) -> None:
         if not self._frames:

@@ -1,12 +1,17 @@
 """spheremcap merge and sync as a user runs them."""
 
+import signal
+
 import numpy as np
 import pytest
 from test_dataset import errors_ms, write_imu, write_recording
+from test_join import rows as many
+from test_join import write
 from test_sync import session
 
 import spheremcap
 from clips import START_NS, decoded, rows
+from spheremcap.io.join import SharedWriter
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +88,25 @@ def test_a_damaged_input_is_merged_as_far_as_it_goes(run, log, tmp_path):
     assert f"{cut}: byte" in outcome.err
     assert len(decoded(out)["/front/image"]) > 0
     assert min(row[1] for row in rows(out)) > START_NS
+
+
+def test_ctrl_c_leaves_a_readable_part(run, log, tmp_path, monkeypatch):
+    long, out = write(tmp_path / "long.mcap", many("/x", range(START_NS, START_NS + 5000))), tmp_path / "dataset.mcap"
+    add = SharedWriter.add_message
+
+    def pressed(writer, *message):
+        if writer.counts["/x"] == 1500:
+            signal.raise_signal(signal.SIGINT)
+        add(writer, *message)
+
+    monkeypatch.setattr(SharedWriter, "add_message", pressed)
+    outcome = run("merge", log, long, "-o", out)
+    part = tmp_path / "dataset.mcap.part"
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err == f"spheremcap: stopped after 2048 messages; they are in {part}\n"
+    assert not out.exists()
+    assert len(rows(part)) == 2048
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_sync_finds_the_clock_and_merge_applies_it(run, moved, tmp_path):

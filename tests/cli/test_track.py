@@ -267,18 +267,61 @@ def test_tracking_our_own_output_again_takes_other_topics(run, log, tmp_path):
     assert set(spheremcap.open(twice).tracks) == {"orange", "tracked/orange"}
 
 
-def test_a_recording_without_calibration_gets_ours_and_a_camera_wins(run, log, tmp_path):
-    bare = write_recording(tmp_path / "bare.mcap", ["/front/image"], calibrated=False)
-    out = tmp_path / "out.mcap"
+@pytest.fixture
+def own_camera(tmp_path):
     settings = tmp_path / "s.toml"
     settings.write_text(
         "[camera]\nwidth_px = 320\nheight_px = 240\nfx_px = 550\nfy_px = 550\ncx_px = 159.5\ncy_px = 119.5\n"
     )
+    return settings
+
+
+def coordinate_frames(topics):
+    """Every coordinate frame that any message is in."""
+    messages = [message for some in topics.values() for message in some if hasattr(message, "DESCRIPTOR")]
+    messages += [entity for scene in topics.get("/scene", []) for entity in scene.entities]
+    return {message.frame_id for message in messages if hasattr(message, "frame_id")}
+
+
+def test_all_is_in_the_coordinate_frame_that_the_pictures_have(run, log, own_camera, tmp_path):
+    bare = write_recording(tmp_path / "bare.mcap", ["/front/image"], calibrated=False)
+    for number, (source, flags) in enumerate((
+        (log, ()), (log, ("-s", own_camera)), (bare, ("-s", own_camera)),
+        (log, ("--copy", "images")), (log, ("--copy", "images", "-s", own_camera)),
+    )):  # fmt: skip
+        out = tmp_path / f"{number}.mcap"
+        assert run("track", source, "-o", out, *ONE, *flags).code == 0
+        topics = decoded(out)
+        assert coordinate_frames(topics) == {"cam0"}
+        assert {topic for topic in topics if topic.endswith("/tf")} <= {"/tf"}  # the input's, if any
+    nameless = write_recording(tmp_path / "nameless.mcap", ["/front/image"], frame_id="", calibrated=False)
+    out = tmp_path / "placed.mcap"
+    assert run("track", nameless, "-o", out, *ONE, "-s", own_camera).code == 0
+    assert coordinate_frames(decoded(out)) == {"", "front_optical"}
+    placed = {(t.parent_frame_id, t.child_frame_id) for some in decoded(out)["/tracked/tf"] for t in some.transforms}
+    assert placed == {("world", "front"), ("front", "front_optical")}
+
+
+def test_a_calibration_that_does_not_fit_matters_only_when_it_is_used(run, own_camera, tmp_path):
+    wide = write_recording(tmp_path / "wide.mcap", ["/front/image"], calibrated_for=(640, 240))
+    out = tmp_path / "out.mcap"
+    outcome = run("track", wide, "-o", out, *ONE)
+    refused(outcome, 2, out, wide.name, "/front/camera_info", "640x240", "320x240", "another shape")
+    assert run("track", wide, "-o", out, *ONE, "-s", own_camera).code == 0
+    assert decoded(out)["/front/calibration"][0].K[0] == 550
+    larger = write_recording(tmp_path / "larger.mcap", ["/front/image"], calibrated_for=(640, 480))
+    assert run("track", larger, "-o", out, *ONE, "--overwrite").code == 0
+    assert decoded(out)["/front/calibration"][0].K[0] == pytest.approx(CAMERA.fx_px / 2)
+
+
+def test_a_recording_without_calibration_gets_ours_and_a_camera_wins(run, log, own_camera, tmp_path):
+    bare = write_recording(tmp_path / "bare.mcap", ["/front/image"], calibrated=False)
+    out, settings = tmp_path / "out.mcap", own_camera
     assert run("track", bare, "-o", out, *ONE, "-s", settings).code == 0
     topics = decoded(out)
     assert topics["/front/calibration"][0].K[0] == 550
     assert len(topics["/tf"]) == COUNT + 1  # the input's, untouched
-    assert {"/tracked/tf", "/markers/orange/pose"} < topics.keys()
+    assert "/markers/orange/pose" in topics
     outcome = run("track", log, "-o", out, *ONE, "-s", settings, "--overwrite")
     assert outcome.code == 0
     assert decoded(out)["/front/calibration"][0].K[0] == 550

@@ -8,12 +8,16 @@ import av
 import cv2
 import media
 import numpy as np
+import numpy.typing as npt
 import pytest
+from av.video.reformatter import Interpolation
 
 from spheremcap.core.frame import BgrFrame, Frame
 from spheremcap.errors import OutputError, UsageError
 from spheremcap.io.encode import H264Encoder, jpeg_encode, write_video
 from spheremcap.io.video import VideoSource
+
+Image = npt.NDArray[np.uint8]
 
 
 def bgr_frames(count: int, size: tuple[int, int] = (96, 64)) -> list[Frame]:
@@ -109,6 +113,64 @@ def test_odd_sizes_get_one_more_column_and_row_and_pixels_stay_put(tmp_path: Pat
     assert difference(bgr[:65, :97], media.picture(0, 97, 65)) < 5
     assert difference(bgr[65, :97], bgr[64, :97]) < 6
     assert difference(bgr[:65, 97], bgr[:65, 96]) < 6
+
+
+RED, GREEN = np.array([50.0, 70, 200]), np.array([60.0, 150, 40])
+
+
+def coloured_edge(down: bool) -> Image:
+    """Red turns into green a third of the way across (or down) the picture."""
+    mix = 1 / (1 + np.exp(-(np.arange(96) - 31.7) / 2.5))[:, None]
+    image = np.broadcast_to(RED + (GREEN - RED) * mix, (64, 96, 3))
+    return np.rint(image.swapaxes(0, 1) if down else image).astype(np.uint8)
+
+
+def edge_px(image: Image, down: bool) -> float:
+    """How far the red reaches, between the colours that the picture's ends have."""
+    line = image.mean(axis=1 if down else 0)
+    red, green = line[:4].mean(axis=0), line[-4:].mean(axis=0)
+    return float((1 - (line - red) @ (green - red) / ((green - red) @ (green - red))).sum())
+
+
+def shown_px(data: bytes, down: bool) -> float:
+    """Where FFmpeg's scaler shows the edge when it interpolates the chroma from where H.264 says it is."""
+    (picture,) = decode_one_by_one([data])
+    smooth = Interpolation.BILINEAR | Interpolation.FULL_CHR_H_INT | Interpolation.ACCURATE_RND
+    matrix = "ITU709" if picture.colorspace == 1 else "ITU601"
+    return edge_px(picture.reformat(
+        format="bgr24", src_colorspace=matrix, src_color_range=picture.color_range, dst_color_range=2,
+        interpolation=smooth,
+    ).to_ndarray(), down)  # fmt: skip
+
+
+@pytest.mark.parametrize("down", [False, True])
+def test_colours_stay_where_they_are(down: bool) -> None:
+    image = coloured_edge(down)
+    shown = shown_px(H264Encoder(crf=1).encode(BgrFrame(0, 0, image)).data, down)
+    assert shown == pytest.approx(edge_px(image, down), abs=0.15)
+
+
+@pytest.mark.parametrize("down", [False, True])
+@pytest.mark.parametrize("source", ["mjpeg", "turned left", "upside down"])
+def test_colours_of_decoded_planes_stay_where_they_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, down: bool
+) -> None:
+    monkeypatch.setattr(media, "picture", lambda *_: coloured_edge(down))
+    size = coloured_edge(down).shape[1::-1]
+    if source == "mjpeg":
+        path = media.video(
+            tmp_path / "v.avi", 1, codec="mjpeg", pixel_format="yuvj420p", full_range=True, size=size,
+            options={"qmin": "1", "qmax": "1"},
+        )  # fmt: skip
+    else:
+        turn_deg = 90 if source == "turned left" else 180
+        path = media.video(tmp_path / "v.mp4", 1, size=size, options={"crf": "1"}, prepare=lambda stream: (
+            stream.set_display_rotation(turn_deg)))  # fmt: skip
+    with VideoSource(path) as video:
+        frame = next(video.frames())
+    assert frame.uv_origin_px != (0.0, 0.5)  # type: ignore[attr-defined]
+    down ^= source == "turned left"
+    assert shown_px(H264Encoder(crf=1).encode(frame).data, down) == pytest.approx(edge_px(frame.full, down), abs=0.15)
 
 
 def test_another_size_is_refused() -> None:

@@ -145,6 +145,44 @@ def test_a_stamp_before_1970_is_refused_and_the_part_file_is_readable(tmp_path: 
     assert rows_of(tmp_path / "out.mcap.part") == []
 
 
+def test_a_merge_tells_how_far_it_is_and_can_be_stopped(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.mcap", rows("/x", range(5000)) + rows("/y", range(500)))
+    out, told = tmp_path / "out.mcap", list[tuple[int, int | None]]()
+
+    def stopped_merge(most: int, **options: Any) -> Merged:
+        told.clear()
+        with McapRecords(path) as records:
+            return merge_streams(
+                [McapStream(records, **options)], out,
+                progress=lambda *now: told.append(now), stop=lambda: told[-1][0] >= most,
+            )  # fmt: skip
+
+    merged = stopped_merge(2000)
+    assert merged.stopped
+    assert told == [(0, 5500), (1024, 5500), (2048, 5500)]
+    assert not out.exists()
+    part = tmp_path / "out.mcap.part"
+    assert len(rows_of(part)) == sum(merged.counts.values()) == 2048
+    assert make_reader(part.open("rb")).get_summary() is not None
+    assert stopped_merge(0).stopped
+    assert rows_of(part) == []
+    assert not stopped_merge(10_000, topics={"/x"}).stopped
+    assert told[-1] == (4096, 5000)
+    assert len(rows_of(out)) == 5000
+    assert not part.exists()
+
+
+def test_a_copy_that_is_stopped_stays_so(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.mcap", rows("/x", range(5000)))
+    with McapRecords(path) as records, open_output(tmp_path / "out.mcap", [path]) as writer:
+        join = Join(writer, [McapStream(records)], lambda written: False)
+        for limit in (1000, 2000, 3000):
+            join.until(limit)
+        join.rest()
+        assert join.stopped
+        assert writer.counts == {"/x": 1024}
+
+
 def test_outputs_that_exist_or_are_inputs_are_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "a.mcap", rows("/x", [10, 20]))
     before = path.read_bytes()

@@ -23,6 +23,7 @@ from mcap_ros1._vendor.genpy.dynamic import generate_dynamic
 from mcap_ros1.writer import Writer as Ros1Writer
 from mcap_ros2.writer import Writer as Ros2Writer
 
+from spheremcap.core.camera import Camera
 from spheremcap.core.frame import Window, YuvFrame
 from spheremcap.errors import SourceError, UsageError
 from spheremcap.io.mcap_images import McapImageSource, image_topics
@@ -441,28 +442,46 @@ def test_the_calibration_beside_the_images_is_used(tmp_path: Path, writer: str) 
 
 
 def test_calibrations_of_other_kinds(tmp_path: Path) -> None:
-    def read(topic: str, calibration_topic: str, **changes: Any) -> McapImageSource:
+    def read(topic: str, calibration_topic: str, **changes: Any) -> Camera | None:
         image = (topic, *still_entry("png")[1:])
         fields = calibration_fields(True, **changes)
         path = write_protobuf(tmp_path / "a.mcap", [(calibration_topic, "CameraCalibration", fields), image])
         with McapImageSource(path) as source:
-            return source
+            return source.calibration
 
-    rectified = read("/c/image_rect", "/c/calibration").calibration
+    rectified = read("/c/image_rect", "/c/calibration")
     assert rectified is not None
     assert (rectified.fx_px, rectified.model) == (400, "none")
-    nested = read("/c/image_raw/compressed", "/c/camera_info").calibration
+    nested = read("/c/image_raw/compressed", "/c/camera_info")
     assert nested is not None
-    assert read("/c/image", "/d/calibration").calibration is None
-    assert read("/c/image", "/c/calibration", k=[0.0] * 9).calibration is None
-    fisheye = read("/c/image", "/c/calibration", distortion_model="equidistant", d=[0.1, 0.2, 0.3, 0.4]).calibration
+    assert read("/c/image", "/d/calibration") is None
+    assert read("/c/image", "/c/calibration", k=[0.0] * 9) is None
+    fisheye = read("/c/image", "/c/calibration", distortion_model="equidistant", d=[0.1, 0.2, 0.3, 0.4])
     assert fisheye is not None
     assert (fisheye.model, fisheye.distortion) == ("fisheye", (0.1, 0.2, 0.3, 0.4))
-    larger = read("/c/image", "/c/calibration", width=WIDTH * 2, height=HEIGHT * 2).calibration
+    larger = read("/c/image", "/c/calibration", width=WIDTH * 2)
     assert larger is not None
-    assert (larger.width_px, larger.fx_px) == (WIDTH, 250)
-    with pytest.raises(SourceError, match="give the camera yourself"):
-        read("/c/image", "/c/calibration", width=WIDTH * 2)
+    assert (larger.width_px, larger.fx_px) == (2 * WIDTH, 500)
+    with pytest.raises(SourceError, match="'fisheye' with 5 coefficients is not supported"):
+        read("/c/image", "/c/calibration", distortion_model="fisheye", d=[0.1] * 5)
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_the_coordinate_frame_is_the_calibrations_else_the_pictures(tmp_path: Path, writer: str) -> None:
+    ros = writer.startswith("ros")
+    name, topic = ("CameraInfo", "/front/camera_info") if ros else ("CameraCalibration", "/front/calibration")
+    named = {"protobuf": "lens", "json": "c", "ros2": "odd", "ros1": ""}[writer]
+    of_lens = {"frame_id": named} if writer == "protobuf" else {}
+    calibration = (topic, name, calibration_fields(upper=not ros) | of_lens)
+    with McapImageSource(WRITERS[writer](tmp_path / "a.mcap", [calibration, still_entry("png")])) as source:
+        assert source.frame_id == named
+    picture = still_entry("png")
+    if writer == "protobuf":
+        picture[2]["frame_id"] = "lens"
+    unnamed = (topic, name, calibration_fields(upper=not ros))
+    entries = [unnamed, picture] if writer == "protobuf" else [picture]
+    with McapImageSource(WRITERS[writer](tmp_path / "b.mcap", entries)) as source:
+        assert source.frame_id == named
 
 
 def test_a_truncated_recording_gives_its_pictures_and_says_so(tmp_path: Path) -> None:

@@ -88,6 +88,20 @@ def test_sync_says_what_to_add_and_merge_takes_it(made: Session, inputs: tuple[P
     assert errors_ms(fine.stamp_ns, made).max() < 1.0
 
 
+def test_a_merge_that_is_stopped_early_reads_no_more(inputs: tuple[Path, Path], tmp_path: Path) -> None:
+    video, _ = inputs
+    asked: list[bool] = []
+
+    def stop() -> bool:
+        asked.append(True)
+        return len(asked) > 1
+
+    stopped = merge([Source(video), Source(tmp_path / "not there.csv")], tmp_path / "out.mcap", stop=stop)
+    assert stopped.merged.stopped
+    assert [path.name for path in tmp_path.iterdir()] == ["out.mcap.part"]
+    assert not recording.open(tmp_path / "out.mcap.part").tracks
+
+
 def test_what_is_not_there_is_listed(inputs: tuple[Path, Path], tmp_path: Path) -> None:
     video, imu = inputs
     with pytest.raises(UsageError, match="no marker 'nose'; there are: left_wrist"):

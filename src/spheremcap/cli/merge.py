@@ -8,6 +8,7 @@ from typing import Annotated, TypeVar
 import typer
 from rich.console import Console
 
+from spheremcap.cli.progress import Interrupt, bar
 from spheremcap.errors import UsageError
 
 T = TypeVar("T")
@@ -93,9 +94,12 @@ def merge(
                 mappings.get(own), rates.get(own), markers.get(own),
             )
         )  # fmt: skip
-    console = Console(stderr=True)
-    with console.status("merging") if console.is_terminal else console:
-        dataset = merge(sources, output, overwrite=overwrite)
+    with Interrupt() as interrupted, bar(Console(stderr=True), "messages") as shown:
+        task = shown.add_task("merging", total=None)
+        dataset = merge(
+            sources, output, overwrite=overwrite, stop=interrupted,
+            progress=lambda done, total: shown.update(task, completed=done, total=total),
+        )  # fmt: skip
     for note in dataset.notes:
         print(f"spheremcap: {note}", file=sys.stderr)
     for new, old in dataset.merged.renamed.items():
@@ -106,7 +110,11 @@ def merge(
     for line in dataset.merged.lost:
         print(f"spheremcap: {line}", file=sys.stderr)
     counts = dataset.merged.counts
-    print(f"{sum(counts.values())} messages on {len(counts)} topics -> {output}")
+    written = f"{sum(counts.values())} messages"
+    if dataset.merged.stopped:
+        print(f"spheremcap: stopped after {written}; they are in {output}.part", file=sys.stderr)
+        raise typer.Exit(1)
+    print(f"{written} on {len(counts)} topics -> {output}")
     if dataset.merged.lost:
         raise typer.Exit(3)
 

@@ -13,10 +13,11 @@ import av
 import av.logging
 import cv2
 import numpy as np
+import numpy.typing as npt
 from av.video.codeccontext import VideoCodecContext
-from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
+from av.video.reformatter import ColorRange
 
-from spheremcap.core.frame import BgrImage, EncodedPicture, Frame
+from spheremcap.core.frame import BgrImage, EncodedPicture, Frame, yuv_to_bgr_matrix
 from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import OutputError, UsageError
 from spheremcap.io.video import DecodedFrame
@@ -26,14 +27,18 @@ av.logging.set_level(None)
 JPEG_QUALITY = 90
 _TAGS = {"bt601": 6, "bt709": 1, "bt2020": 9}
 """Colour matrix to FFmpeg's AVColorSpace."""
-_SWSCALE = {"bt601": Colorspace.ITU601, "bt709": Colorspace.ITU709, "bt2020": Colorspace.BT2020}
+
+_Plane = npt.NDArray[np.uint8]
+_Planes = tuple[_Plane, _Plane, _Plane]
+"""Y, U and V of 4:2:0, U and V where H.264 has them unless it says otherwise: on even columns, between two rows."""
 
 
 class H264Encoder:
     """Frames in, H.264 out: one Annex B access unit per frame at once, no B-frames, SPS and PPS on every key.
 
     Size, colour matrix and range are those of the first frame. A decoded 4:2:0 frame's planes are encoded as
-    they are, everything else goes through BGR to 4:2:0 BT.709. H.264 4:2:0 has even sizes only: an odd width
+    they are (chroma moved when it is not on the left, where viewers look for it), everything else goes through
+    BGR to 4:2:0 BT.709. H.264 4:2:0 has even sizes only: an odd width
     or height gets one more column right or row below, repeating the last, so pixel coordinates hold;
     `width_px`, `height_px` (set by the first frame) say what a viewer sees.
 
@@ -46,7 +51,6 @@ class H264Encoder:
         self._crf, self._key_every = crf, key_every
         self._context: VideoCodecContext | None = None
         self._matrix, self._full_range = "bt709", False
-        self._reformatter = VideoReformatter()
         self._count = 0
         self._size = (0, 0)
         self.width_px = self.height_px = 0
@@ -61,7 +65,7 @@ class H264Encoder:
                 f"frame {frame.index} is {frame.width_px}x{frame.height_px}, the first was {was}; "
                 "start another encoder for another size"
             )
-        picture = self._picture(frame)
+        picture = _picture(self._planes(frame), self._matrix, self._full_range)
         picture.pts, picture.time_base = self._count, 1 / self._rate
         self._count += 1
         try:
@@ -89,25 +93,10 @@ class H264Encoder:
         _tag(context, self._matrix, self._full_range)
         return context
 
-    def _picture(self, frame: Frame) -> av.VideoFrame:
+    def _planes(self, frame: Frame) -> _Planes:
         if _is_420(frame) and (frame.matrix, frame.full_range) == (self._matrix, self._full_range):
-            picture = av.VideoFrame(self.width_px, self.height_px, "yuv420p")
-            for index, plane in enumerate((frame.y, *frame.uv)):
-                target = picture.planes[index]
-                rows = np.frombuffer(memoryview(target), np.uint8).reshape(target.height, target.line_size)
-                height, width = plane.shape
-                rows[:height, :width] = plane
-                rows[:height, width : target.width] = plane[:, -1:]
-                rows[height : target.height] = rows[height - 1]
-        else:
-            bgr = np.pad(
-                frame.full,
-                ((0, self.height_px - frame.height_px), (0, self.width_px - frame.width_px), (0, 0)),
-                mode="edge",
-            )
-            picture = _to_420(self._reformatter, bgr, self._matrix, self._full_range)
-        _tag(picture, self._matrix, self._full_range)
-        return picture
+            return frame.y, *_left_sited(frame)
+        return _to_420(frame.full, self._matrix, self._full_range)
 
 
 def jpeg_encode(frame: Frame, quality: int = JPEG_QUALITY) -> EncodedPicture:
@@ -140,7 +129,6 @@ def write_video(
         raise UsageError(f"{path}: stamps have to rise, by less than 2 s at a time; MP4 cannot hold others")
     time_base = Fraction(1, NS_PER_S) if stamps_ns is not None else Fraction(1, rate.numerator)
     count = 0
-    reformatter = VideoReformatter()
     try:
         with av.open(os.fspath(path), "w") as container:
             if creation_time is not None:
@@ -156,7 +144,7 @@ def write_video(
                         bitrate=bitrate, preset="veryfast", params=f"bframes={bframes}:keyint=60",
                     )  # fmt: skip
                     _tag(context, "bt709", False)
-                picture = _to_420(reformatter, image, "bt709", False)
+                picture = _picture(_to_420(image, "bt709", False), "bt709", False)
                 picture.pts = stamps_ns[count] if stamps_ns is not None else count * rate.denominator
                 picture.time_base = time_base
                 container.mux(stream.encode(picture))
@@ -205,12 +193,39 @@ def _tag(target: VideoCodecContext | av.VideoFrame, matrix: str, full_range: boo
     target.color_range = int(ColorRange.JPEG if full_range else ColorRange.MPEG)
 
 
-def _to_420(reformatter: VideoReformatter, image: BgrImage, matrix: str, full_range: bool) -> av.VideoFrame:
-    return reformatter.reformat(
-        av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="bgr24"),
-        format="yuv420p",
-        dst_colorspace=_SWSCALE[matrix],
-        dst_color_range=ColorRange.JPEG if full_range else ColorRange.MPEG,
-        interpolation=Interpolation.BILINEAR | Interpolation.ACCURATE_RND,
-        threads=1,
+def _to_420(image: BgrImage, matrix: str, full_range: bool) -> _Planes:
+    """A BGR picture's planes; chroma through the narrowest filter that is centred where its samples lie."""
+    to_bgr = yuv_to_bgr_matrix(matrix, full_range)
+    from_bgr = np.linalg.inv(to_bgr[:, :3])
+    y, *uv = cv2.split(cv2.transform(image, np.column_stack([from_bgr, -from_bgr @ to_bgr[:, 3]])))
+    across, down = np.array([1, 2, 1]) / 4, np.array([1, 1]) / 2
+    u, v = (cv2.sepFilter2D(c, -1, across, down, anchor=(1, 0), borderType=cv2.BORDER_REPLICATE) for c in uv)
+    return y, u[::2, ::2], v[::2, ::2]  # type: ignore[return-value]
+
+
+def _left_sited(frame: DecodedFrame) -> tuple[_Plane, _Plane]:
+    """A 4:2:0 frame's own U and V, moved where JPEG's or a turned picture's samples lie elsewhere."""
+    ox, oy = frame.uv_origin_px
+    if (ox, oy) == (0.0, 0.5):
+        return frame.uv
+    move = np.array([[1, 0, -ox / 2], [0, 1, (0.5 - oy) / 2]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    u, v = (
+        cv2.warpAffine(np.ascontiguousarray(c), move, c.shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        for c in frame.uv
     )
+    return u, v  # type: ignore[return-value]
+
+
+def _picture(planes: _Planes, matrix: str, full_range: bool) -> av.VideoFrame:
+    """The planes as a tagged picture; an odd size gets one more column or row, repeating the last."""
+    height, width = planes[0].shape
+    picture = av.VideoFrame(width + width % 2, height + height % 2, "yuv420p")
+    for target, plane in zip(picture.planes, planes, strict=True):
+        rows = np.frombuffer(memoryview(target), np.uint8).reshape(target.height, target.line_size)
+        height, width = plane.shape
+        rows[:height, :width] = plane
+        rows[:height, width : target.width] = plane[:, -1:]
+        rows[height : target.height] = rows[height - 1]
+    _tag(picture, matrix, full_range)
+    return picture

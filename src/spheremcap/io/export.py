@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from spheremcap.errors import SourceError, UsageError
-from spheremcap.io.mcap_log import output_error, part_of
 from spheremcap.io.mcap_records import McapRecords
+from spheremcap.io.part_file import output_error, part_of
 from spheremcap.io.recording import damage_line, iter_columns
 
 Columns = Mapping[str, npt.NDArray[Any]]

@@ -8,7 +8,7 @@ content the later one gets a number (`name#2`). Every input is read a few chunks
 import heapq
 import os
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,18 +17,13 @@ from typing import IO, NamedTuple, Protocol
 from mcap.writer import CompressionType, Writer
 
 from spheremcap.errors import OutputError, UsageError
-from spheremcap.io.mcap_log import (
-    _COMPRESSION,
-    CHUNK_BYTES,
-    LIBRARY,
-    Compression,
-    _PartFile,
-    output_error,
-    part_of,
-)
+from spheremcap.io.mcap_log import CHUNK_BYTES, COMPRESSION, LIBRARY, Compression
 from spheremcap.io.mcap_records import McapRecords
+from spheremcap.io.part_file import PartFile, output_error, part_of
 
 CLOCK_METADATA = "spheremcap/clock/"
+ASK_EVERY = 1024
+"""After so many messages it is asked whether to go on: often enough for a person, seldom enough to cost nothing."""
 
 
 class SharedWriter(Writer):
@@ -88,7 +83,7 @@ class SharedWriter(Writer):
         super().add_metadata(f"{name}#{number}", data)
 
 
-class _OutFile(_PartFile):
+class _OutFile(PartFile):
     """OUT.part, whose errors say that it is the output that could not be written."""
 
     def write(self, data: bytes) -> int:
@@ -122,6 +117,10 @@ class Stream(Protocol):
     order.
     """
 
+    @property
+    def count(self) -> int:
+        """How many messages it has, as far as is known before they are read."""
+
     def begin(self, writer: SharedWriter) -> None:
         """Register schemas and channels, write metadata and attachments."""
 
@@ -152,6 +151,13 @@ class McapStream:
         self.extras = extras
         self._writer: SharedWriter | None = None
         self._ids: dict[int, int] = {}
+
+    @property
+    def count(self) -> int:
+        """How many of the input's messages are wanted."""
+        channels = self.records.channels.values()
+        wanted = [c.id for c in channels if self.wanted is None or c.topic in self.wanted]
+        return sum(self.records.counts.get(id_, 0) for id_ in wanted)
 
     def begin(self, writer: SharedWriter) -> None:
         """Register every channel that is wanted, messages or not, and copy the extras."""
@@ -197,11 +203,17 @@ class Join:
     """Streams into one writer by log time, as far as somebody asks; at equal times in the streams' order.
 
     For a run that adds its own messages to a copy: `until(stamp)` before each frame's are written, `rest()`
-    at the end, so that log times never go back over the whole file.
+    at the end, so that log times never go back over the whole file. `go_on` is asked now and then, with the
+    number of messages written; when it says no, `stopped` is set and nothing more is written.
     """
 
-    def __init__(self, writer: SharedWriter, streams: Sequence[Stream]) -> None:
+    def __init__(
+        self, writer: SharedWriter, streams: Sequence[Stream], go_on: Callable[[int], bool] = lambda written: True
+    ) -> None:
         self.writer = writer
+        self.written = 0
+        self.stopped = False
+        self._go_on = go_on
         for stream in streams:
             stream.begin(writer)
         self._messages = heapq.merge(*(s.messages() for s in streams), key=lambda m: m.log_time)
@@ -218,20 +230,26 @@ class Join:
     def _write(self, limit: int | None) -> None:
         add = self.writer.add_message
         message = self._next if self._next is not None else next(self._messages, None)
-        while message is not None and (limit is None or message.log_time <= limit):
+        while message is not None and not self.stopped and (limit is None or message.log_time <= limit):
             log_time, publish_time, sequence, channel_id, data = message
             add(channel_id, log_time, data, publish_time, sequence)
+            self.written += 1
+            if self.written % ASK_EVERY == 0:
+                self.stopped = not self._go_on(self.written)
             message = next(self._messages, None)
         self._next = message
 
 
 @dataclass(frozen=True, slots=True)
 class Merged:
-    """What a merge did: messages by topic, renamed metadata (new name -> old), what the inputs had lost."""
+    """What a merge did: messages by topic, renamed metadata (new name -> old), what the inputs had lost, and
+    whether it was stopped, which leaves what was written in OUT.part.
+    """
 
     counts: dict[str, int]
     renamed: dict[str, str]
     lost: tuple[str, ...]
+    stopped: bool = False
 
 
 def merge_streams(
@@ -240,15 +258,24 @@ def merge_streams(
     *,
     overwrite: bool = False,
     compression: Compression = "zstd",
+    progress: Callable[[int, int | None], None] = lambda done, total: None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Merged:
     """Join the streams into a new file. Inputs that are damaged give what can be read; `lost` says what is
     missing.
 
-    Raises UsageError when the output exists, OutputError when it cannot be written.
+    `progress` gets messages done and expected, `stop` ends the merge: both are called now and then. Raises
+    UsageError when the output exists, OutputError when it cannot be written.
     """
     inputs = [s.records for s in streams if isinstance(s, McapStream)]
     profiles = {records.profile for records in inputs}
     alike = len(profiles) == 1 and len(inputs) == len(streams)
+    expected = sum(stream.count for stream in streams)
+
+    def go_on(written: int) -> bool:
+        progress(written, expected)
+        return not stop()
+
     with open_output(
         output,
         [records.path for records in inputs],
@@ -256,9 +283,12 @@ def merge_streams(
         compression=compression,
         profile=profiles.pop() if alike else "",
     ) as writer:
-        Join(writer, streams).rest()
+        join = Join(writer, streams, go_on)
+        join.stopped = not go_on(0)
+        join.rest()
+        writer.complete = not join.stopped
     lost = tuple(f"{records.path}: {loss}" for records in inputs for loss in records.lost)
-    return Merged(dict(writer.counts), writer.renamed, lost)
+    return Merged(dict(writer.counts), writer.renamed, lost, join.stopped)
 
 
 @contextmanager
@@ -282,7 +312,7 @@ def open_output(
         file = _OutFile(part)
     except OSError as error:
         raise output_error(error, path) from error
-    writer = SharedWriter(file, _COMPRESSION[compression])  # type: ignore[arg-type]
+    writer = SharedWriter(file, COMPRESSION[compression])  # type: ignore[arg-type]
     try:
         writer.start(profile, LIBRARY)
         yield writer

@@ -10,8 +10,10 @@ import base64
 import itertools
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -47,6 +49,8 @@ _CALIBRATIONS = {"CameraCalibration", "CameraInfo"}
 _PACKAGES = {"foxglove", "foxglove_msgs", "sensor_msgs"}
 _VIDEO = {"h264": "h264", "avc": "h264", "h265": "hevc", "hevc": "hevc", "av1": "libdav1d", "vp9": "vp9"}
 _STILLS = ("jpeg", "jpg", "png", "webp")
+_UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, DecodeError)
+"""What reading a message that is not what its schema says ends in."""
 
 
 # --- which topics there are ---
@@ -105,9 +109,11 @@ class _Picture:
     step: int = 0
 
 
-def _decoder(schema: Schema, channel: Channel) -> Callable[[bytes], dict[str, Any]]:
+def _decoder(schema: Schema | None, channel: Channel) -> Callable[[bytes], dict[str, Any]]:
     """What turns a message's bytes into its fields, lower-case names, `stamp_ns` for its time."""
-    kind = _kind(schema, channel) or ""
+    kind = None if schema is None else _kind(schema, channel)
+    if schema is None or kind is None:
+        raise ValueError("its schema is missing or not an image's")
     if channel.message_encoding == "protobuf":
         message_class = _PROTOBUF[kind]
 
@@ -318,7 +324,7 @@ class McapImageSource:
     start_ns, end_ns: only frames with start_ns <= stamp < end_ns, in that time; None is open.
 
     `frame.index` is the message's number on its topic from 0, whatever the start, and counts messages that
-    cannot be decoded too, so seeds stay valid. `calibration` is the Camera found beside the topic, None when
+    cannot be decoded too, so seeds stay valid. `calibration_topic` is the one beside the pictures, None when
     there is none.
 
     Raises SourceError when there is no such topic, or no picture of it can be decoded; UsageError when the
@@ -341,11 +347,11 @@ class McapImageSource:
         self.start_ns, self.end_ns = start_ns, end_ns
         self.lost = ImageLosses()
         self._pending: Iterator[Frame] | None = None
+        self._decoders: dict[int, Callable[[bytes], dict[str, Any]]] = {}
         self._records = McapRecords(path)
         try:
             self.topic = self._chosen(topic)
-            self.calibration_topic: str | None = None
-            self.calibration = self._calibration()
+            self.calibration_topic = self._beside()
             self._open_first()
         except BaseException:
             self._records.close()
@@ -361,7 +367,7 @@ class McapImageSource:
         """Close the file; frames already given stay valid."""
         self._records.close()
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Generator[Frame, None, None]:
         """All frames by log time, each decoded once; `lost` is complete at the end. Calling again starts
         over.
         """
@@ -420,28 +426,44 @@ class McapImageSource:
         self.width_px, self.height_px = first.width_px, first.height_px
         self.first_stamp_ns = first.stamp_ns
         self._pending = itertools.chain([first], frames)
-        if self.calibration is not None and (self.calibration.width_px, self.calibration.height_px) != (
-            self.width_px,
-            self.height_px,
-        ):
-            same_shape = self.calibration.width_px * self.height_px == self.calibration.height_px * self.width_px
-            if not same_shape:
-                raise SourceError(
-                    f"{self.path}: {self.calibration_topic} is for {self.calibration.width_px}x"
-                    f"{self.calibration.height_px} pictures, those of {self.topic} are "
-                    f"{self.width_px}x{self.height_px}: give the camera yourself"
-                )
-            self.calibration = self.calibration.scaled(self.width_px, self.height_px)
 
     @property
     def frame_count_hint(self) -> int:
         """How many messages the topic has."""
         return sum(self._records.counts.get(c.id, 0) for c in self._records.channels.values() if c.topic == self.topic)
 
-    def _calibration(self) -> Camera | None:
-        """From the calibration topic beside the images: the same prefix, or one level up (ROS
-        image_transport).
+    @cached_property
+    def calibration(self) -> Camera | None:
+        """The Camera found beside the pictures, for the size that it states; None when there is none.
+
+        It is read when first asked for: ask before `frames` are read, or not at all. Raises SourceError for a
+        distortion that is not supported.
         """
+        for message in self._messages(self.calibration_topic):
+            source = f"{self.path.name}: {self.calibration_topic}"
+            try:
+                camera = _camera(self._fields(message), "rect" in self.topic, source)
+            except _UNREADABLE:
+                continue
+            if camera is not None:
+                return camera
+        return None
+
+    @cached_property
+    def frame_id(self) -> str:
+        """The coordinate frame that the calibration names, else the pictures; "" when neither does.
+
+        Ask before `frames` are read.
+        """
+        for topic in (self.calibration_topic, self.topic):
+            for message in itertools.islice(self._messages(topic), 1):
+                with suppress(*_UNREADABLE):
+                    if name := self._fields(message).get("frame_id"):
+                        return str(name)
+        return ""
+
+    def _beside(self) -> str | None:
+        """The calibration topic beside the images: the same prefix, or one level up (ROS image_transport)."""
         found: dict[str, str] = {}
         for channel in self._records.channels.values():
             schema = self._records.schemas.get(channel.schema_id)
@@ -449,27 +471,23 @@ class McapImageSource:
                 found.setdefault(channel.topic.rsplit("/", 1)[0], channel.topic)
         prefix = self.topic.rsplit("/", 1)[0]
         place = prefix if prefix in found else prefix.rsplit("/", 1)[0]
-        if place not in found:
-            return None
-        self.calibration_topic = found[place]
-        rectified = "rect" in self.topic
-        for message in self._records.messages({self.calibration_topic}):
-            schema = self._records.schemas[message.channel.schema_id]
-            try:
-                fields = _decoder(schema, message.channel)(message.data)
-            except (ValueError, KeyError, DecodeError):
-                continue
-            camera = _camera(fields, rectified, f"{self.path.name}: {self.calibration_topic}")
-            if camera is not None:
-                return camera
-        return None
+        return found.get(place)
 
     # --- reading ---
 
+    def _messages(self, topic: str | None) -> Iterator[RawMessage]:
+        return self._records.messages({topic} if topic is not None else set())
+
+    def _fields(self, message: RawMessage) -> dict[str, Any]:
+        """A message's fields by lower-case name; _UNREADABLE when they cannot be had."""
+        channel = message.channel
+        if channel.id not in self._decoders:
+            self._decoders[channel.id] = _decoder(self._records.schemas.get(channel.schema_id), channel)
+        return self._decoders[channel.id](message.data)
+
     def _read(self) -> Iterator[Frame]:
         """Every frame in the asked time; stills as they come, video through one decoder."""
-        numbered = enumerate(self._records.messages({self.topic}))
-        pictures = self._pictures(numbered)
+        pictures = self._pictures()
         first = next(pictures, None)
         if first is None:
             return
@@ -480,20 +498,12 @@ class McapImageSource:
         else:
             yield from self._video(pictures, codec)
 
-    def _pictures(self, numbered: Iterator[tuple[int, RawMessage]]) -> Iterator[tuple[int, int, _Picture]]:
+    def _pictures(self) -> Iterator[tuple[int, int, _Picture]]:
         """(message number, stamp in ns, picture) up to the asked end."""
-        decoders: dict[int, Callable[[bytes], dict[str, Any]]] = {}
-        for index, message in numbered:
-            channel = message.channel
-            if channel.id not in decoders:
-                schema = self._records.schemas.get(channel.schema_id)
-                if schema is None or _kind(schema, channel) not in _IMAGES:
-                    self._miss(index, message.log_time, "its schema is missing or not an image's")
-                    continue
-                decoders[channel.id] = _decoder(schema, channel)
+        for index, message in enumerate(self._messages(self.topic)):
             try:
-                picture = _picture(decoders[channel.id](message.data))
-            except (ValueError, KeyError, TypeError, AttributeError, DecodeError) as error:
+                picture = _picture(self._fields(message))
+            except _UNREADABLE as error:
                 self._miss(index, message.log_time, f"the message does not parse ({_one_line(error)})")
                 continue
             stamp_ns = {

@@ -4,25 +4,21 @@ Every message's log time, publish time and own stamp are the picture's; log time
 the file comes from a clock, so the same input and settings give the same bytes.
 """
 
-import errno
 import hashlib
 import heapq
-import os
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Literal, Protocol, Self
+from typing import Any, Literal, Protocol, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from mcap.data_stream import RecordBuilder
-from mcap.records import DataEnd, Footer
-from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from spheremcap.core.camera import Camera
@@ -32,6 +28,7 @@ from spheremcap.core.marker import MarkerSpec
 from spheremcap.errors import OutputError, UsageError
 from spheremcap.io import messages, overlays
 from spheremcap.io.messages import LogLevel, Message
+from spheremcap.io.part_file import PartFile, output_error, part_of
 from spheremcap.io.topics import WORLD_FRAME, Topics
 
 VERSION = version("spheremcap")
@@ -47,7 +44,7 @@ SCENE_PERIOD_NS = 15_000_000
 TRAIL_NS = 1_000_000_000
 
 Compression = Literal["zstd", "lz4", "none"]
-_COMPRESSION = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+COMPRESSION = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
 
 
 class Sink(Protocol):
@@ -116,45 +113,6 @@ class RunInfo:
         return {key: text for key, text in known.items() if text} | dict(self.more)
 
 
-class _PartFile:
-    """The file under OUT.part. Every write is a run of whole MCAP records, all of it or none of it."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._file: BinaryIO = open(path, "wb", buffering=0)  # noqa: SIM115
-        self._ended = False
-
-    def write(self, data: bytes) -> int:
-        start = self._file.tell()
-        try:
-            left = memoryview(data)
-            while left:
-                left = left[self._file.write(left) :]
-        except OSError:
-            self._file.seek(start)
-            self._file.truncate()
-            raise
-        self._ended = data[:1] == b"\x0f"
-        return len(data)
-
-    def tell(self) -> int:
-        return self._file.tell()
-
-    def flush(self) -> None:
-        pass
-
-    def seal(self) -> None:
-        """End a file whose writer failed: no index, but every reader takes it."""
-        tail = RecordBuilder()
-        if not self._ended:
-            DataEnd(0).write(tail)
-        Footer(0, 0, 0).write(tail)
-        self.write(tail.end() + MCAP0_MAGIC)  # type: ignore[no-untyped-call]
-
-    def close(self) -> None:
-        self._file.close()
-
-
 class McapLog:
     """Turns each `FrameResult` and its picture into messages, in log-time order, in memory that stays flat.
 
@@ -182,17 +140,17 @@ class McapLog:
         self.topics = topics or Topics()
         self.run = run
         self.path: Path | None = None
-        self._file: _PartFile | None = None
+        self._file: PartFile | None = None
         self._owned: Writer | None = None
         if isinstance(target, str | Path):
             self.path = Path(target)
             self.run = run or RunInfo()
             try:
-                self._file = _PartFile(part_of(self.path, overwrite))
+                self._file = PartFile(part_of(self.path, overwrite))
             except OSError as error:
                 raise output_error(error, self.path) from error
             self._overwrite = overwrite
-            self._owned = Writer(self._file, CHUNK_BYTES, _COMPRESSION[compression])  # type: ignore[arg-type]
+            self._owned = Writer(self._file, CHUNK_BYTES, COMPRESSION[compression])  # type: ignore[arg-type]
             self._guarded(self._owned.start, "", LIBRARY)
             self._sink: Sink = self._owned
         else:
@@ -349,8 +307,9 @@ class McapLog:
         self._next_calibration_ns = stamp_ns + CALIBRATION_PERIOD_NS
         topics = self.topics
         self._add(topics.calibration, stamp_ns, messages.calibration(stamp_ns, self.camera, topics.optical_frame))
-        frames = messages.transforms(stamp_ns, WORLD_FRAME, topics.camera_frame, topics.optical_frame)
-        self._add(topics.transforms, stamp_ns, frames)
+        if topics.transforms:
+            frames = messages.transforms(stamp_ns, WORLD_FRAME, topics.camera_frame, topics.optical_frame)
+            self._add(topics.transforms, stamp_ns, frames)
 
     def _write_scene(self, result: FrameResult) -> None:
         due = self._next_scene_ns is None or result.stamp_ns >= self._next_scene_ns
@@ -424,21 +383,3 @@ class _Trail:
             else:
                 stretches[-1].append(xyz)
         return stretches
-
-
-def part_of(path: Path, overwrite: bool) -> Path:
-    """OUT.part for OUT. Raises UsageError when OUT is a folder, or exists and `overwrite` is False."""
-    if path.is_dir():
-        raise UsageError(f"{path} is a folder: name a file to write")
-    if path.exists() and not overwrite:
-        raise UsageError(f"{path} exists already: name another file or pass --overwrite")
-    return path.with_name(path.name + ".part")
-
-
-def output_error(error: OSError, path: Path) -> OutputError:
-    """The one-line error for a file that cannot be written."""
-    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        return OutputError(f"{path}: {os.strerror(error.errno)}: free some space and run again")
-    if isinstance(error, FileNotFoundError):
-        return OutputError(f"{path}: there is no folder {path.parent}: create it first")
-    return OutputError(f"{path}: cannot be written: {error.strerror or error}")

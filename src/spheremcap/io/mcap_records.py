@@ -72,6 +72,12 @@ class _Piece:
     reported: bool = False
 
 
+_IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL)
+_KEPT: dict[int, Callable[[ReadDataStream], Schema | Channel | Metadata]] = {
+    Opcode.SCHEMA: Schema.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.METADATA: Metadata.read,
+}
 _Entry = tuple[int, int, int]  # log_time, start and end of the message record's body
 _ReadAt = Callable[[int, int], bytes]
 _Record = TypeVar("_Record")
@@ -221,12 +227,8 @@ class McapRecords:
                 start, end, at = struct.unpack("<QQQ", self._read(offset, 24))
                 if at in chunks and (chunks[at].start, chunks[at].end) != (start, end):
                     self._lose(at, "the chunk's times are not those of the index: its messages are sorted anew")
-            elif opcode == Opcode.SCHEMA:
-                self._keep_schema(self._read(offset, length), offset)
-            elif opcode == Opcode.CHANNEL:
-                self._keep_channel(self._read(offset, length), offset)
-            elif opcode == Opcode.METADATA:
-                self._keep_metadata(self._read(offset, length), offset)
+            elif opcode in _KEPT:
+                self._keep(opcode, self._read(offset, length), offset)
             elif opcode == Opcode.ATTACHMENT:
                 self._keep_attachment(offset, length)
             elif opcode == Opcode.HEADER:
@@ -293,26 +295,17 @@ class McapRecords:
         self._lose(start, "the summary's checksum is wrong: the data section is used instead")
         return False
 
-    def _keep_schema(self, body: bytes, offset: int) -> None:
-        schema = _parsed(Schema.read, body)
-        if schema is None:
-            self._lose(offset, "a schema record does not parse")
-        elif schema.id:
-            self.schemas.setdefault(schema.id, schema)
-
-    def _keep_channel(self, body: bytes, offset: int) -> None:
-        channel = _parsed(Channel.read, body)
-        if channel is None:
-            self._lose(offset, "a channel record does not parse")
-        else:
-            self.channels.setdefault(channel.id, channel)
-
-    def _keep_metadata(self, body: bytes, offset: int) -> None:
-        metadata = _parsed(Metadata.read, body)
-        if metadata is None:
-            self._lose(offset, "a metadata record does not parse")
-        else:
-            self.metadata.append(metadata)
+    def _keep(self, opcode: int, body: bytes, offset: int) -> None:
+        """A schema, a channel (of one id the first counts) or a metadata record."""
+        record = _parsed(_KEPT[opcode], body)
+        if record is None:
+            self._lose(offset, f"a {Opcode(opcode).name.lower()} record does not parse")
+        elif isinstance(record, Metadata):
+            self.metadata.append(record)
+        elif isinstance(record, Channel):
+            self.channels.setdefault(record.id, record)
+        elif record.id:
+            self.schemas.setdefault(record.id, record)
 
     def _keep_attachment(self, offset: int, length: int) -> None:
         """Its inner lengths are right already; its checksum is taken a piece at a time."""
@@ -352,10 +345,8 @@ class McapRecords:
                 break
             if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
                 entries.append((int.from_bytes(data[body + 6 : body + 14], "little"), body, position))
-            elif opcode == Opcode.SCHEMA and _parsed(Schema.read, data[body:position]):
-                self._keep_schema(data[body:position], piece.offset)
-            elif opcode == Opcode.CHANNEL and _parsed(Channel.read, data[body:position]):
-                self._keep_channel(data[body:position], piece.offset)
+            elif opcode in _IN_CHUNKS and _parsed(_KEPT[opcode], data[body:position]) is not None:
+                self._keep(opcode, data[body:position], piece.offset)
             elif opcode <= Opcode.DATA_END:
                 position = body - 9
                 break
@@ -365,10 +356,8 @@ class McapRecords:
             for opcode, body, length in _walk(_reader(data), 0, end, lost):
                 if opcode == Opcode.MESSAGE:
                     entries.append((int.from_bytes(data[body + 6 : body + 14], "little"), body, body + length))
-                elif opcode == Opcode.SCHEMA:
-                    self._keep_schema(data[body : body + length], piece.offset)
-                elif opcode == Opcode.CHANNEL:
-                    self._keep_channel(data[body : body + length], piece.offset)
+                elif opcode in _IN_CHUNKS:
+                    self._keep(opcode, data[body : body + length], piece.offset)
             piece.reported = True
         backwards = sum(a[0] > b[0] for a, b in itertools.pairwise(entries))
         if backwards:

@@ -11,7 +11,7 @@ from spheremcap.core.camera import Camera
 from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import SourceError, UsageError
 from spheremcap.io.join import McapStream
-from spheremcap.io.mcap_images import McapImageSource, TimeBase, _decoder, image_topics
+from spheremcap.io.mcap_images import McapImageSource, TimeBase, image_topics
 from spheremcap.io.mcap_records import MAGIC, McapRecords
 from spheremcap.io.topics import LOG, MARKERS, OVERVIEW, REQUESTS, SCENE, TRANSFORMS, Topics
 from spheremcap.io.video import VideoSource
@@ -42,16 +42,13 @@ class FromMcap:
 class CameraView:
     """One camera of the input. `name` goes before its markers' topics when there are several cameras.
 
-    `taken` are the topics that come into the output from the input; `calibration` is the camera found beside
-    the pictures, `frame_id` the coordinate frame it names. `codec` says what the pictures are, and
+    `taken` are the topics that come into the output from the input. `codec` says what the pictures are, and
     `passthrough_reason` why they cannot be handed on as they are (None: they can). `notes` are for the user.
     """
 
     source: VideoSource | McapImageSource
     name: str = ""
     taken: frozenset[str] = frozenset()
-    calibration: Camera | None = None
-    frame_id: str = ""
     codec: str = ""
     passthrough_reason: str | None = None
     notes: tuple[str, ...] = ()
@@ -78,6 +75,11 @@ class CameraView:
         return self.topic in self.taken
 
     @property
+    def calibration(self) -> Camera | None:
+        """The camera found beside the pictures."""
+        return self.source.calibration if isinstance(self.source, McapImageSource) else None
+
+    @property
     def calibrated(self) -> bool:
         """Whether the output has the calibration anyway."""
         return isinstance(self.source, McapImageSource) and self.source.calibration_topic in self.taken
@@ -88,21 +90,24 @@ class CameraView:
 
         `pictures` is the topic of those that we write ourselves, if we do; `calibration` whether we write that.
         """
-        if not self.copied:
+        if not self.copied or not isinstance(self.source, McapImageSource):
             return Topics(self.name, self.name) if self.name else Topics()
         camera = ["annotations"] + ["calibration"] * calibration + ([pictures] if pictures else [])
         root = _free(self.name, [LOG, SCENE, REQUESTS, OVERVIEW, MARKERS], self.taken)
+        frame_id = self.source.frame_id
         return _TopicsBeside(
             _free(self.name or _prefix(self.topic), camera, self.taken),
             root,
-            f"{_free(root, [TRANSFORMS], self.taken)}/{TRANSFORMS}",
-            "" if calibration else self.frame_id,
+            "" if frame_id else f"{_free(root, [TRANSFORMS], self.taken)}/{TRANSFORMS}",
+            frame_id,
         )
 
 
 @dataclass(frozen=True)
 class _TopicsBeside(Topics):
-    """Topics beside those of the input: /tf is often taken, and poses may be in a coordinate frame of its."""
+    """Topics beside those of the input: /tf is often taken, and the camera's coordinate frame is the input's where
+    it has one; where that stands is then the input's to say, and we write no transforms.
+    """
 
     tf: str = ""
     frame_id: str = ""
@@ -194,8 +199,6 @@ def _open_recording(path: Path, choice: FromMcap, stack: ExitStack) -> Input:
             source,
             _name(source.topic, tracked) if len(tracked) > 1 else "",
             frozenset(taken),
-            source.calibration,
-            _frame_id(records, source.calibration_topic),
             *_passthrough(source),
             _far_apart(records, choice, source),
         )
@@ -263,17 +266,3 @@ def _free(place: str, leaves: Sequence[str], taken: Collection[str]) -> str:
         if not any(topic == mine or topic.startswith(f"{mine}/") for topic in taken for mine in ours):
             return tried
     raise AssertionError
-
-
-def _frame_id(records: McapRecords, topic: str | None) -> str:
-    """The coordinate frame that a calibration topic names; "" when it names none."""
-    if topic is None:
-        return ""
-    message = next(records.messages({topic}), None)
-    if message is None:
-        return ""
-    schema = records.schemas[message.channel.schema_id]
-    try:
-        return str(_decoder(schema, message.channel)(message.data).get("frame_id") or "")
-    except Exception:  # whatever it is, McapImageSource has taken its camera from a later one
-        return ""

@@ -51,7 +51,7 @@ class Topics:
 
     @property
     def transforms(self) -> str:
-        """foxglove.FrameTransforms."""
+        """foxglove.FrameTransforms; "" when none are written."""
         return f"{self.root}/{TRANSFORMS}"
 
     @property

@@ -15,7 +15,7 @@ players do; gray is full range, as FFmpeg has it. Rows and columns are those of 
 import itertools
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, cached_property
@@ -160,7 +160,7 @@ class VideoSource:
         """Close the file; frames already given stay valid."""
         self._container.close()
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Generator[Frame, None, None]:
         """All frames in presentation order, index from 0, each decoded once; `lost` is complete at the end.
 
         Frames are DecodedFrame (planes as decoded) or, from RGB and palette video, BgrFrame. A frame holds

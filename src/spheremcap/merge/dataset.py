@@ -1,7 +1,7 @@
 """One dataset out of recordings and sensor files: what `spheremcap merge` and `spheremcap sync` do."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -59,11 +59,15 @@ def merge(
     *,
     overwrite: bool = False,
     config: SyncConfig | None = None,
+    progress: Callable[[int, int | None], None] = lambda done, total: None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Dataset:
     """Merge recordings and sensor files by log time into `output`; inputs stay as they are.
 
     A sensor whose stamps count from zero starts with the first message of the MCAP inputs, and its offset is
-    added to that. Raises a SpheremcapError for inputs that cannot be read and clocks that cannot be found.
+    added to that. `progress` gets messages done and expected. `stop` is asked before each input and while they are
+    written: once it says yes the merge ends, and what there is stays readable in OUT.part; from then on it has to
+    say yes. Raises a SpheremcapError for inputs that cannot be read and clocks that cannot be found.
     """
     notes: list[str] = []
     syncs: dict[str, Sync] = {}
@@ -71,6 +75,8 @@ def merge(
         streams: list[Stream] = []
         opened: list[McapRecords] = []
         for source in sources:
+            if stop():
+                break
             if is_recording(source.path):
                 records = stack.enter_context(McapRecords(source.path))
                 opened.append(records)
@@ -80,6 +86,8 @@ def merge(
                 streams.append(McapStream(records, clock=clock, prefix=source.prefix))
         starts = [ns for ns in map(first_log_time, opened) if ns is not None]
         for source in sources:
+            if stop():
+                break
             if is_recording(source.path):
                 continue
             for log in read_sensors(source.path, name=source.label, mapping=source.mapping, rate_hz=source.rate_hz):
@@ -92,7 +100,7 @@ def merge(
                     syncs[log.name] = sync
                     notes.append(f"{log.name}: {sync.line()}")
                     streams.append(SensorStream(residual_log(sync, log.name), topic=f"/sync/{log.name}/residual"))
-        merged = merge_streams(streams, output, overwrite=overwrite)
+        merged = merge_streams(streams, output, overwrite=overwrite, progress=progress, stop=stop)
         for records in opened:
             if records.unordered:
                 notes.append(f"{records.path}: {records.unordered} messages were out of order; sorted by log time")

@@ -33,6 +33,11 @@ class SensorStream:
     topic: str = ""
     _channel: int = field(default=-1, repr=False)
 
+    @property
+    def count(self) -> int:
+        """How many samples there are."""
+        return len(self.log)
+
     def begin(self, writer: SharedWriter) -> None:
         """Register the sensor's schema and channel, and write how its stamps were mapped."""
         self._message_class = _message_class(self.log)

@@ -227,7 +227,11 @@ def _best_start(
     # n . q = cos(angle to axis) / cos(alpha): its excess over 1 is the angle times tan(alpha).
     cos_a = 1 / np.maximum(lengths, 1 + 1e-9)
     sin_a = np.sqrt(1 - cos_a * cos_a)
-    off = (normals @ rays.T - 1) * (cos_a / sin_a)[:, None] / (4 * np.maximum(sd_rad, np.partition(sd_rad, count // 2)[count // 2]))
+    off = (
+        (normals @ rays.T - 1)
+        * (cos_a / sin_a)[:, None]
+        / (4 * np.maximum(sd_rad, np.partition(sd_rad, count // 2)[count // 2]))
+    )
     agreed = (1 / (1 + off * off)).sum(axis=1)
     distance = radius_m / sin_a
     if hold is not None:
