@@ -155,12 +155,7 @@ class MarkerChain:
 
         # Where to look: KCF around the prediction, the size from points on the marker.
         followed = self._kcf.locate(patch, predicted, reach).circle if self.config.kcf.enabled else predicted
-        r_px = predicted.r_px
-        if self._before is not None and self.config.points.enabled:
-            ratio = geometry_scale(*self._before, patch, followed, self.config.points)
-            if ratio is not None:
-                r_px = float(np.clip(self._before[1].r_px * ratio, 0.9 * r_px, 1.1 * r_px))
-        followed = replace(followed, r_px=r_px)
+        followed = replace(followed, r_px=self._scaled(patch, followed, predicted.r_px))
 
         # What is there: circles by gradient and by colour, then sub-pixel edges on whichever has an outline.
         mask = self._appearance.mask(patch, followed) if self.config.colour.enabled else None
@@ -247,6 +242,21 @@ class MarkerChain:
         short_s = 1e-4
         ends = self.camera.project(xyz + np.outer((-0.5, 0.5), velocity * short_s))
         return circle, lateral_m / xyz[2] * self.camera.fx_px, (ends[1] - ends[0]) / short_s
+
+    def _scaled(self, patch: Patch, followed: Circle, predicted_r_px: float) -> float:
+        """The radius that the points on the marker give, as far as the filter is less sure of the distance."""
+        if self._before is None or not self.config.points.enabled:
+            return predicted_r_px
+        scale = geometry_scale(*self._before, patch, followed, self.config.points)
+        if scale is None:
+            return predicted_r_px
+        ratio, ratio_sd = scale
+        moment = self._track.now
+        axis = moment.xyz_cam_m / self.range_m
+        variance = float(axis @ moment.covariance[:3, :3] @ axis) / self.range_m**2
+        share = variance / (variance + ratio_sd**2)
+        r_px = float(np.clip(self._before[1].r_px * ratio, 0.9 * predicted_r_px, 1.1 * predicted_r_px))
+        return predicted_r_px + share * (r_px - predicted_r_px)
 
     def _learn_exposure(
         self,
@@ -337,7 +347,7 @@ class MarkerChain:
         if self.config.colour.enabled:
             inside, around_it = seeded.shares(patch, claim.circle)
             least = (jury.lost_colour if lost else jury.seed_colour) * max(0.4, claim.visible) * seeded.inside
-            part_of_it = claim.visible < 0.6 and around_it > jury.seed_around + seeded.around
+            part_of_it = claim.visible < 0.6 and around_it > min(0.75, jury.seed_around + seeded.around)
             if inside < least or part_of_it:
                 return False
         if lost or self._track.inside_gate(claim.xyz_cam_m, claim.covariance_m2):
@@ -347,8 +357,8 @@ class MarkerChain:
         return claim.visible > 0.7 and off < 0.6
 
     def _is_taken(self, circle: Circle) -> bool:
-        """Whether another marker is where this circle is, and as large in the picture."""
-        return any(circle.dice(other) > _SAME for other in self._taken)
+        """Whether a circle of another marker covers this one: that marker then hides it, or is what was found."""
+        return any(circle.shared_area(other) > _COVERED * circle.area_px2 for other in self._taken)
 
     def _accept(self, frame: Frame, patch: Patch, measured: Measured, status: Status) -> None:
         """Learn from a verified circle: template, filter, colour gain, size."""
@@ -470,4 +480,4 @@ class MarkerChain:
 
 _EXPOSURES = (0.0, 0.15, 0.3, 0.5, 0.75, 1.0)  # exposure times tried, in frame intervals
 _BLUR_SHOWS_PX = 5.0  # motion in a frame interval from which blur can be told
-_SAME = 0.8  # Dice overlap from which two markers' circles are one marker, seen by both
+_COVERED = 0.8  # share of a claim's disc from which the marker before it hides it

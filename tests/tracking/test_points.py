@@ -22,6 +22,11 @@ def resized(image, ratio, dx=0.0, dy=0.0):
     return cv2.warpAffine(image, m, image.shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
 
 
+def ratio_of(*how):
+    found = geometry_scale(*how)
+    return None if found is None else found[0]
+
+
 RATIOS = (0.95, 0.97, 0.99, 1.0, 1.01, 1.03, 1.05)
 TEXTURE = np.clip(
     128 + 90 * cv2.GaussianBlur(np.random.default_rng(0).standard_normal((240, 320, 3)), (0, 0), 2) / 0.28,
@@ -34,7 +39,7 @@ TEXTURE = np.clip(
 @pytest.mark.parametrize("r_px", [8, 12, 18, 30])
 def test_a_textured_picture_scaled_by_a_ratio_gives_that_ratio(ratio, r_px):
     image, circle = TEXTURE.astype(np.uint8), Circle(CIRCLE.x_px, CIRCLE.y_px, r_px)
-    found = geometry_scale(whole(image), circle, whole(resized(image, ratio)), circle, PointsConfig())
+    found = ratio_of(whole(image), circle, whole(resized(image, ratio)), circle, PointsConfig())
     # All points are just inside the outline, 24 of them: of 16 pixels across, interpolation takes its share.
     assert found == pytest.approx(ratio, abs=0.01 if r_px == 8 else 0.006)
 
@@ -42,16 +47,16 @@ def test_a_textured_picture_scaled_by_a_ratio_gives_that_ratio(ratio, r_px):
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_a_smooth_ball_scaled_by_a_ratio_gives_about_that_ratio(ratio):
     image = picture(BALL, noise=1.0)
-    found = geometry_scale(whole(image), CIRCLE, whole(resized(image, ratio)), CIRCLE, PointsConfig())
+    found = ratio_of(whole(image), CIRCLE, whole(resized(image, ratio)), CIRCLE, PointsConfig())
     assert found - 1 == pytest.approx(ratio - 1, rel=0.45, abs=0.006)
 
 
-@pytest.mark.parametrize(("r_px", "within"), [(8, 0.009), (12, 0.006)])
+@pytest.mark.parametrize(("r_px", "within"), [(8, 0.012), (12, 0.009)])
 def test_a_smooth_small_ball_scaled_by_a_ratio_gives_about_that_ratio(r_px, within):
-    """The points lie inside the outline and move with it: up to a quarter too far, the more the smaller the ball."""
+    """The points lie inside the outline and move with it: up to a third too far, the more the smaller the ball."""
     ball = ball_at(160, 118, r_px)
     image, circle = picture(ball, noise=1.0), truth(ball)
-    found = geometry_scale(whole(image), circle, whole(resized(image, 1.03)), circle, PointsConfig())
+    found = ratio_of(whole(image), circle, whole(resized(image, 1.03)), circle, PointsConfig())
     assert found == pytest.approx(1.03, abs=within)
 
 
@@ -59,16 +64,14 @@ def test_a_smooth_small_ball_scaled_by_a_ratio_gives_about_that_ratio(r_px, with
 def test_the_ratio_holds_when_the_marker_moved_and_kcf_was_a_pixel_off(ratio):
     image = picture(BALL, noise=1.0)
     moved = whole(resized(image, ratio, 11, -7))
-    found = geometry_scale(whole(image), CIRCLE, moved, CIRCLE.shifted(12, -6), PointsConfig())
+    found = ratio_of(whole(image), CIRCLE, moved, CIRCLE.shifted(12, -6), PointsConfig())
     assert found == pytest.approx(ratio, abs=0.015)
 
 
 @pytest.mark.parametrize("ratio", [0.97, 1.03])
 def test_a_ball_that_comes_nearer_before_a_still_background_grows(ratio):
     nearer = ball_at(160, 118, 18 * ratio)
-    found = geometry_scale(
-        whole(picture(BALL)), CIRCLE, whole(picture(nearer, noise_seed=1)), truth(nearer), PointsConfig()
-    )
+    found = ratio_of(whole(picture(BALL)), CIRCLE, whole(picture(nearer, noise_seed=1)), truth(nearer), PointsConfig())
     assert found is not None
     assert 0.4 < (found - 1) / (ratio - 1) < 1.6
 
@@ -77,25 +80,38 @@ def test_a_ball_that_comes_nearer_before_a_still_background_grows(ratio):
 def test_one_step_is_clamped(ratio, expected):
     image = picture(BALL, noise=1.0)
     config = PointsConfig(max_step=0.02)
-    assert geometry_scale(whole(image), CIRCLE, whole(resized(image, ratio)), CIRCLE, config) == pytest.approx(expected)
+    assert ratio_of(whole(image), CIRCLE, whole(resized(image, ratio)), CIRCLE, config) == pytest.approx(expected)
+
+
+def test_the_deviation_is_that_of_the_ratios():
+    """Fifty draws of noise: the ratios scatter by about what they say."""
+    small = [geometry_scale(whole(picture(BALL, noise=40.0, noise_seed=2 * k)), CIRCLE,
+                            whole(resized(picture(BALL, noise=40.0, noise_seed=2 * k + 1), 1.02)), CIRCLE,
+                            PointsConfig()) for k in range(50)]  # fmt: skip
+    ratios, deviations = np.array([found for found in small if found is not None]).T
+    assert 0.4 < ratios.std() / deviations.mean() < 2.0
+    calm = geometry_scale(
+        whole(picture(BALL, noise=1.0)), CIRCLE, whole(picture(BALL, noise=1.0)), CIRCLE, PointsConfig()
+    )
+    assert calm[1] < 0.7 * deviations.mean()
 
 
 def test_there_is_no_ratio_where_there_is_nothing_to_follow():
     flat = whole(np.full((240, 320, 3), 120, np.uint8))
-    assert geometry_scale(flat, CIRCLE, flat, CIRCLE, PointsConfig()) is None
+    assert ratio_of(flat, CIRCLE, flat, CIRCLE, PointsConfig()) is None
 
 
 def test_there_is_no_ratio_between_two_different_pictures():
     rng = np.random.default_rng(0)
     other = whole(rng.integers(0, 256, (240, 320, 3)).astype(np.uint8))
-    assert geometry_scale(whole(picture(BALL)), CIRCLE, other, CIRCLE, PointsConfig()) is None
+    assert ratio_of(whole(picture(BALL)), CIRCLE, other, CIRCLE, PointsConfig()) is None
 
 
 def test_coordinates_are_the_images_not_the_patches():
     image = picture(BALL, noise=1.0)
     now = bgr_frame(resized(image, 1.03), 1)
     answers = {
-        geometry_scale(Patch(bgr_frame(image), window), CIRCLE, Patch(now, window), CIRCLE, PointsConfig())
+        ratio_of(Patch(bgr_frame(image), window), CIRCLE, Patch(now, window), CIRCLE, PointsConfig())
         for window in (Window(0, 0, 320, 240), Window(100, 58, 121, 121))
     }
     assert max(answers) - min(answers) < 1e-4
@@ -104,5 +120,5 @@ def test_coordinates_are_the_images_not_the_patches():
 def test_the_radius_after_is_ratio_times_the_radius_before():
     image = picture(BALL, noise=0)
     off = Circle(CIRCLE.x_px, CIRCLE.y_px, CIRCLE.r_px * 1.1)  # a wrong radius scales by the same ratio
-    found = geometry_scale(whole(image), off, whole(resized(image, 1.04)), off, PointsConfig())
+    found = ratio_of(whole(image), off, whole(resized(image, 1.04)), off, PointsConfig())
     assert found == pytest.approx(1.04, abs=0.02)

@@ -47,6 +47,8 @@ class ColourBox:
 
     def mask(self, hsv: npt.NDArray[np.uint8], gain: float = 1.0) -> npt.NDArray[np.uint8]:
         """(h, w) 255 inside the box, 0 outside; `gain` is how much brighter the scene is than when it was learnt."""
+        if hsv.size == 0:  # OpenCV refuses it
+            return np.zeros(hsv.shape[:2], np.uint8)
         s0, s1 = self.saturation
         v0, v1 = self.value[0] * min(gain, 1.2), self.value[1] * gain
         if v1 > 235:  # a bright marker clips: it may go up to white

@@ -2,8 +2,10 @@
 trackers.
 """
 
+import multiprocessing
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -242,14 +244,15 @@ def ablation(lab: Lab) -> Result:
     }
     names = [*variants(base), *cameras]
     rows: dict[str, list[Scores]] = {name: [] for name in names}
-    for trial in trials:
-        for name, config in variants(trial.settings.chain).items():
-            lab.tell(f"ablation: {trial.name}, {name}")
-            rows[name].append(score_run(trial, run_alone(trial, config)))
-        for name, change in cameras.items():
-            lab.tell(f"ablation: {trial.name}, {name}")
-            camera = trial.settings.camera.model_copy(update=change)
-            rows[name].append(score_run(trial, run_alone(_with_settings(trial, camera=camera))))
+    with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as workers:
+        for trial in trials:
+            lab.tell(f"ablation: {trial.name}")
+            runs = [_with_settings(trial, chain=config) for config in variants(trial.settings.chain).values()]
+            for change in cameras.values():
+                camera = trial.settings.camera.model_copy(update=change)
+                runs.append(_with_settings(trial, camera=camera))
+            for name, one in zip(names, workers.map(_scored, runs), strict=True):
+                rows[name].append(one)
     heading = "accuracy % | of visible % | failures | false accepts | missed % | centre median px | 3D mm | "
     cells = [["", *(heading + "range bias % | requests").split(" | ")]]
     for name, scores in rows.items():
@@ -278,6 +281,10 @@ def ablation(lab: Lab) -> Result:
         "spheremcap experiment ablation",
         (Table("All sessions", cells), Table("Where: failures + false accepts", where)),
     )
+
+
+def _scored(trial: Trial) -> Scores:
+    return score_run(trial, run_alone(trial))
 
 
 def _with_settings(trial: Trial, **changes: Any) -> Trial:

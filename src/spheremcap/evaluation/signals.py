@@ -1,5 +1,6 @@
 """What single stages do over time: GeometryScale, the Kalman filter and smoother, the six votes."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,15 +15,23 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def scale(lab: Lab) -> Result:
-    """With and without GeometryScale where the size changes most (figure 2.5)."""
-    trial = lab.trial("scale")
-    base = trial.settings.chain
+    """With and without GeometryScale where the size changes most (figure 2.5), at the full and at an eighth of the
+    frame rate, where a filter on its own knows less.
+    """
+    whole = lab.trial("scale")
+    base = whole.settings.chain
     without = base.model_copy(update={"points": base.points.model_copy(update={"enabled": False})})
-    truth = {row.frame_index: row.circle.r_px for row in trial.truth if row.circle is not None}
+    truth = {row.frame_index: row.circle.r_px for row in whole.truth if row.circle is not None}
     proposed: dict[str, tuple[FloatArray, FloatArray]] = {}
     cells = [["", "radius proposed: sd of error %", "worst %", "measured: accuracy %", "radius bias %", "missed %"]]
-    for name, config in (("with GeometryScale", base), ("without", without)):
-        run = run_alone(trial, config)
+    for name, config, every in (
+        ("with GeometryScale", base, 1),
+        ("without", without, 1),
+        ("with, every 8th frame", base, 8),
+        ("without, every 8th frame", without, 8),
+    ):
+        trial = replace(whole, truth=tuple(row for row in whole.truth if row.frame_index % every == 0))
+        run = run_alone(trial, config, (frame for frame in trial.frames() if frame.index % every == 0))
         radius = {e.frame_index: r for e in run.estimates if (r := _proposed_radius(e)) is not None}
         frames = np.array(sorted(set(radius) & set(truth)))
         values = np.array([radius[f] for f in frames])
@@ -53,9 +62,9 @@ def scale(lab: Lab) -> Result:
     return Result(
         "scale",
         "With and without GeometryScale",
-        "From 0.4 m to 2.5 m and back. The radius with which KCF's patch goes into detection (the marker's "
-        "last verified one times the change of size that the points show, or the Kalman filter's), and "
-        "what is measured in the end.",
+        "From 0.4 m to 2.5 m and back. The radius with which KCF's patch goes into detection (the Kalman filter's, "
+        "with GeometryScale weighted with the last verified one times the change of size that the points show), "
+        "and what is measured in the end.",
         "spheremcap experiment scale",
         (Table("Radius", cells),),
         (Plot("scale", "The radius that tracking hands to detection (figure 2.5)", draw),),
@@ -186,17 +195,19 @@ def _vote_plot(
     def draw(figure: Any) -> None:
         axes = figure.subplots()
         axes.fill_between(list(visible), [6 * v for v in visible.values()], color="tab:green", alpha=0.15)
-        by_matcher: dict[str, list[tuple[int, float]]] = {}
-        for e in rows:
+        frames = np.arange(max(e.frame_index for e in rows) + 1)
+        curves = {name: np.full(len(frames), np.nan) for name in [vote.matcher for vote in rows[0].votes] + ["sum"]}
+        for e in rows:  # frames that had nothing to vote on stay empty
             for vote in e.votes:
-                by_matcher.setdefault(vote.matcher, []).append((e.frame_index, vote.overlap))
-        for matcher, points in by_matcher.items():
-            axes.plot(*zip(*points, strict=True), linewidth=0.6, label=matcher)
-        axes.plot([e.frame_index for e in rows], [e.vote_sum for e in rows], color="black", linewidth=1, label="sum")
+                curves[vote.matcher][e.frame_index] = vote.overlap
+            curves["sum"][e.frame_index] = np.nan if e.vote_sum is None else e.vote_sum
+        for name, curve in curves.items():
+            whole = name == "sum"
+            axes.plot(frames, curve, linewidth=1 if whole else 0.6, label=name, color="black" if whole else None)
         for threshold in thresholds:
             axes.axhline(threshold, color="tab:red", linestyle="--", linewidth=0.8)
         axes.set_ylim(0, 6.1)
         axes.set_xlabel("frame")
-        axes.legend(fontsize=7, ncols=4)
+        axes.legend(fontsize=7, ncols=7, loc="upper center", bbox_to_anchor=(0.5, -0.15))
 
     return Plot(f"votes-{name}", f"Votes over time: {name}", draw)

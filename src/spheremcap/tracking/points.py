@@ -25,15 +25,17 @@ class PointsConfig(StageConfig):
 
 
 _ANGLES = np.arange(24) * (2 * np.pi / 24)
-_SPOKES = 0.97 * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
-"""Points just inside the outline, in radii: a smooth ball has no features further in, where flow is drawn along."""
+_SPOKES = np.concatenate([share * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1) for share in (0.8, 0.97)])
+"""Points inside the outline, in radii: a smooth ball has few features further in, where flow is drawn along."""
+_SHARED, _LEAST_SD = 4.0, 0.002  # points that share an error, and what the ratio is never surer of
 _SIDE, _REACH = 64, 1.7  # the square both pictures are brought to: pixels, and half its side in marker radii
 
 
 def geometry_scale(
     before: Patch, circle_before: Circle, now: Patch, circle_now: Circle, config: PointsConfig
-) -> float | None:
-    """The ratio r_now / r_before of eq 2.18, clamped to 1 +- max_step; None when too few points survive.
+) -> tuple[float, float] | None:
+    """The ratio r_now / r_before of eq 2.18, clamped to 1 +- max_step, and its standard deviation by how much the
+    points disagree; None when too few points survive.
 
     `circle_now` is only where to start looking (KCF's answer). Circles are in image pixels.
     """
@@ -41,15 +43,18 @@ def geometry_scale(
     scale = _SIDE / (2 * half)
     first, second = (_square(p, c, scale) for p, c in ((before, circle_before), (now, circle_now)))
     start = (_SPOKES * circle_before.r_px * scale + (_SIDE - 1) / 2).astype(np.float32)
-    options = {"winSize": (13, 13), "maxLevel": 1}
+    options = {"winSize": (7, 7), "maxLevel": 2}
     forward, ok, _ = cv2.calcOpticalFlowPyrLK(first, second, start, None, **options)  # type: ignore[call-overload]
     back, ok_back, _ = cv2.calcOpticalFlowPyrLK(second, first, forward, None, **options)  # type: ignore[call-overload]
     round_trip = np.linalg.norm(back - start, axis=1)
     keep = (ok.ravel() == 1) & (ok_back.ravel() == 1) & (round_trip < config.max_round_trip_px)
     if keep.sum() < config.min_points:
         return None
-    ratio = _spread(forward[keep]) / _spread(start[keep])
-    return float(np.clip(ratio, 1 - config.max_step, 1 + config.max_step))
+    was, is_now = _spread(start[keep]), _spread(forward[keep])
+    ratio = float(is_now.sum() / was.sum())
+    scatter = float((is_now - ratio * was).std() / was.mean())
+    sd = max(_LEAST_SD, scatter * float(np.sqrt(_SHARED / keep.sum())))
+    return float(np.clip(ratio, 1 - config.max_step, 1 + config.max_step)), sd
 
 
 def _square(patch: Patch, circle: Circle, scale: float) -> npt.NDArray[np.uint8]:
@@ -60,6 +65,6 @@ def _square(patch: Patch, circle: Circle, scale: float) -> npt.NDArray[np.uint8]
     return cv2.warpAffine(patch.gray, sample, (_SIDE, _SIDE), flags=flags, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[return-value]
 
 
-def _spread(points: npt.NDArray[np.float32]) -> float:
-    """Sum of distances to the mean point (numerator and denominator of eq 2.18)."""
-    return float(np.linalg.norm(points - points.mean(axis=0), axis=1).sum())
+def _spread(points: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Distances (N,) to the mean point; eq 2.18 has their sums."""
+    return np.linalg.norm(points - points.mean(axis=0), axis=1)
