@@ -142,7 +142,8 @@ def peers(lab: Lab) -> Result:
         axes = figure.subplots(1, 2)
         places = np.arange(len(methods))
         rows = [[row[m] for row in scores.values() if m in row] for m in methods]
-        axes[0].bar(places, [np.mean([one.accuracy_visible_pct or 0.0 for one in group]) for group in rows])
+        seen = [[one.accuracy_visible_pct for one in group if one.accuracy_visible_pct is not None] for group in rows]
+        axes[0].bar(places, [np.mean(values) if values else np.nan for values in seen])
         axes[0].set_ylabel("mean Dice over visible frames, %")
         axes[1].bar(places, [sum(one.failures for one in group) for group in rows], color="tab:red")
         axes[1].set_ylabel("failures, all sessions")
