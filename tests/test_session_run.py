@@ -333,3 +333,18 @@ def test_a_lost_marker_is_not_found_where_another_one_is():
     assert not any(e.status.measured for e in gone)
     assert gone[-1].status is Status.LOST
     assert all(e.status.measured for e in of(results, "elbow"))
+
+
+def test_a_repeated_time_stamp_does_not_end_the_run():
+    """Logs have them; the shutter's readout time is not given, so the interval between frames counts."""
+    stamped = [BgrFrame(i, (i - (i in (1, 6))) * PERIOD_NS, image(i)) for i in range(12)]
+    estimates = of(lone().run(iter(stamped)), "wrist")
+    assert [e.status.measured for e in estimates].count(True) >= 10
+
+
+def test_a_request_names_the_first_unverified_frame_when_numbers_have_gaps():
+    """Every second frame of the source: the numbers go up by two."""
+    given = (BgrFrame(2 * i, i * PERIOD_NS, image(i, i >= 8)) for i in range(20))
+    requests = [q for r in lone().run(given) for q in r.requests]
+    assert len(requests) == 1
+    assert requests[0].frame_index == 16

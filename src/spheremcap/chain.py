@@ -97,7 +97,7 @@ class MarkerChain:
         self._status = Status.LOST
         self._last: Circle | None = None  # as last verified
         self._verified = self._moving = 0
-        self._stamp_ns = 0
+        self._stamp_ns, self._interval_s = 0, 1 / 30  # until two stamps say more
         self._seen = Moment(0, np.zeros(6), np.zeros((6, 6)))  # the filter's state when last verified
         self._before: tuple[Patch, Circle] | None = None  # the previous frame's, when it was verified
         self._taken: Sequence[Circle] = ()
@@ -143,8 +143,9 @@ class MarkerChain:
         if self._status in (Status.LOST, Status.OUT_OF_VIEW):
             return self._search(frame, keep_view)
 
-        interval_s = (frame.stamp_ns - self._stamp_ns) / NS_PER_S
-        self._stamp_ns = frame.stamp_ns
+        if frame.stamp_ns > self._stamp_ns:  # a repeated or falling stamp says nothing of the frame interval
+            self._interval_s = (frame.stamp_ns - self._stamp_ns) / NS_PER_S
+        self._stamp_ns, interval_s = frame.stamp_ns, self._interval_s
         predicted, spread_px, rate_px = self._predict(frame.stamp_ns)
         if predicted is None:
             return self._miss(frame, None, None)

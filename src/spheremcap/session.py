@@ -30,7 +30,6 @@ class _Lane:
     chain: MarkerChain
     seeds: deque[Seed]
     seeded: bool = False
-    measured_frame: int = -1  # the last frame whose status was measured
     status: Status | None = None
     stretch: int = 0  # grows with every start of the filter: smoothing never crosses it
     moments: deque[tuple[int, int, Moment]] = field(default_factory=deque)  # (frame index, stretch, moment)
@@ -139,9 +138,7 @@ class Session:
         moment = lane.chain.moment
         if moment is not None and self._metric:
             lane.moments.append((estimate.frame_index, lane.stretch, moment))
-        if estimate.status.measured:
-            lane.measured_frame = estimate.frame_index
-        elif lane.measured_frame == estimate.frame_index - 1 or lane.status is None:
+        if not estimate.status.measured and (lane.status is None or lane.status.measured):
             lane.first_miss_frame, lane.first_miss_stamp_ns = estimate.frame_index, estimate.stamp_ns
         lost = estimate.status is Status.LOST and lane.status is not Status.LOST
         before, lane.status = lane.status, estimate.status
