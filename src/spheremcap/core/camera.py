@@ -50,6 +50,51 @@ class Camera:
     def _coefficients(self) -> FloatArray:
         return np.array(self.distortion, np.float64)
 
+    @cached_property
+    def holds_to(self) -> float:
+        """The distance from the axis, x/z and y/z, up to which the distortion model holds: beyond, there is no pixel.
+
+        That is where it would fold back, and never more than twice as far out as the picture's farthest corner: a
+        polynomial fitted inside the picture says nothing of what lies far outside. Infinite without distortion.
+        """
+        if self.model == "none":
+            return np.inf
+        x = max(self.cx_px, self.width_px - 1 - self.cx_px) / self.fx_px
+        y = max(self.cy_px, self.height_px - 1 - self.cy_px) / self.fy_px
+        corner = float(np.hypot(x, y))  # as bent, and so within the model's own reach
+        r = np.linspace(0, min(8 * corner, 50.0), 4001)
+        bent = self._bent(r)
+        rising = np.diff(bent) > 0
+        fold = r[-1] if rising.all() else float(r[int(rising.argmin())])
+        seen = r[bent >= corner]
+        return min(fold, 2 * float(seen[0]) if len(seen) else fold)
+
+    def _bent(self, r: FloatArray) -> FloatArray:
+        """Distance from the axis in the picture of points `r` from it, both as x/z; radial terms only."""
+        if self.model == "fisheye":
+            k1, k2, k3, k4 = self.distortion
+            theta = np.arctan(r)
+            t2 = theta * theta
+            return theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+        k = self._padded
+        r2 = r * r
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return r * (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])))
+
+    @cached_property
+    def _padded(self) -> FloatArray:
+        k = np.zeros(8)
+        k[: len(self.distortion)] = self.distortion
+        return k
+
+    @cached_property
+    def params(self) -> FloatArray:
+        """All that the compiled loops (`core.lens`) need, (14,): fx, fy, cx, cy, the model (0 none, 1 plumb_bob, 2
+        fisheye), eight distortion coefficients, `holds_to`."""
+        model = list(_COEFFICIENTS).index(self.model)
+        own = [self.fx_px, self.fy_px, self.cx_px, self.cy_px, model, *self._padded, self.holds_to]
+        return np.array(own, np.float64)
+
     def scaled(self, width_px: int, height_px: int) -> "Camera":
         """The same camera for pictures resized to another size: edges scale, so pixel centres shift."""
         sx, sy = width_px / self.width_px, height_px / self.height_px
@@ -66,10 +111,12 @@ class Camera:
             return (points - (self.cx_px, self.cy_px)) / (self.fx_px, self.fy_px)
         if self.model == "fisheye":
             out = cv2.fisheye.undistortPoints(points[:, None], self.matrix, self._coefficients)
-            return np.where(np.abs(out) > 1e5, np.nan, out)[:, 0].astype(np.float64)
-        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-12)
-        out = cv2.undistortPoints(points[:, None], self.matrix, self._coefficients, criteria=criteria)
-        return np.asarray(out, np.float64)[:, 0]
+            out = np.where(np.abs(out) > 1e5, np.nan, out)
+        else:
+            criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-12)
+            out = cv2.undistortPoints(points[:, None], self.matrix, self._coefficients, criteria=criteria)
+        normal = np.asarray(out, np.float64)[:, 0]
+        return np.where(np.hypot(normal[:, :1], normal[:, 1:]) <= self.holds_to, normal, np.nan)
 
     def rays(self, points_px: FloatArray) -> FloatArray:
         """Unit rays (N, 3) in the optical frame through pixels (N, 2)."""
@@ -78,13 +125,14 @@ class Camera:
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
     def project(self, xyz_cam_m: FloatArray) -> FloatArray:
-        """Pixels (N, 2) of points (N, 3) in the optical frame; NaN for points at or behind the camera's plane."""
+        """Pixels (N, 2) of points (N, 3) in the optical frame; NaN for points at or behind the camera's plane, and for
+        those farther out than the lens model holds."""
         xyz = np.asarray(xyz_cam_m, np.float64).reshape(-1, 3)
         z = np.where(xyz[:, 2] > 1e-9, xyz[:, 2], np.nan)
         a, b = xyz[:, 0] / z, xyz[:, 1] / z
+        a = np.where(np.hypot(a, b) <= self.holds_to, a, np.nan)
         if self.model == "plumb_bob":
-            k = np.zeros(8)
-            k[: len(self.distortion)] = self.distortion
+            k = self._padded
             r2 = a * a + b * b
             radial = (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])))
             a, b = (
@@ -99,4 +147,5 @@ class Camera:
             bent = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
             scale = np.where(r > 1e-12, bent / np.maximum(r, 1e-12), 1.0)
             a, b = a * scale, b * scale
+        b = np.where(np.isnan(a), np.nan, b)
         return np.stack([a * self.fx_px + self.cx_px, b * self.fy_px + self.cy_px], axis=1)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -50,12 +51,29 @@ class EncodedPicture:
     key: bool
 
 
+Plane = npt.NDArray[np.uint8]
+
+
+class Planes(NamedTuple):
+    """A picture's planes as they are in memory, read-only: luma `y` (height_px, width_px), chroma `u` and `v`, and
+    `grid` (16,): chroma's step and origin in luma pixels (x step, y step, x origin, y origin), then the (3, 4) affine
+    map from (y, u, v) to 8-bit (B, G, R), row by row. A BGR picture has its channels for planes."""
+
+    y: Plane
+    u: Plane
+    v: Plane
+    grid: npt.NDArray[np.float64]
+
+
+_BGR_GRID = np.array([1, 1, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], np.float64)
+
+
 class Frame:
     """One picture of the source: when it was taken, how large it is, and any window of it as BGR.
 
     `index` counts pictures in presentation order from 0; `stamp_ns` is int nanoseconds on the recording's time
-    line. Subclasses give `patch`; nothing else is asked of a source. `encoded` is the picture's own packet when the
-    source can hand it on without encoding again.
+    line. Subclasses give `patch`; nothing else is asked of a source, but one that has more than a BGR picture gives
+    `planes` too. `encoded` is the picture's own packet when the source can hand it on without encoding again.
     """
 
     encoded: EncodedPicture | None = None
@@ -75,6 +93,12 @@ class Frame:
         return np.ascontiguousarray(self.full[step // 2 :: step, step // 2 :: step])
 
     @cached_property
+    def planes(self) -> Planes:
+        """What the compiled stages sample from; here the channels of the whole picture as BGR."""
+        full = _read_only(self.full)
+        return Planes(full[:, :, 0], full[:, :, 1], full[:, :, 2], _BGR_GRID)
+
+    @cached_property
     def full(self) -> BgrImage:
         """The whole picture as (height_px, width_px, 3) BGR: costs a full conversion, so ask for a patch first."""
         return self.patch(Window(0, 0, self.width_px, self.height_px))
@@ -87,7 +111,7 @@ class BgrFrame(Frame):
         if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
             raise ValueError(f"a BgrFrame takes (height, width, 3) uint8, not {image.shape} {image.dtype}")
         super().__init__(index, stamp_ns, image.shape[1], image.shape[0])
-        self.image = image
+        self.image = _read_only(image)
 
     def patch(self, window: Window) -> BgrImage:
         return crop(self.image, window)
@@ -97,29 +121,58 @@ class BgrFrame(Frame):
         return self.image
 
 
+def _read_only(array: Plane) -> Plane:
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def crop(plane: npt.NDArray[np.uint8], window: Window) -> npt.NDArray[np.uint8]:
     """Cut `window` out of a picture or plane; where it reaches outside, the border pixel repeats."""
     height, width = plane.shape[:2]
     inside = window.clipped(width, height)
     if (inside.width, inside.height) == (window.width, window.height):
-        return np.ascontiguousarray(plane[inside.y : inside.y + inside.height, inside.x : inside.x + inside.width])
+        return plane[inside.y : inside.y + inside.height, inside.x : inside.x + inside.width].copy()
     rows = np.clip(np.arange(window.y, window.y + window.height), 0, height - 1)
     columns = np.clip(np.arange(window.x, window.x + window.width), 0, width - 1)
     return np.ascontiguousarray(plane[rows[:, None], columns])
 
 
 class Patch:
-    """A window of a frame with the colour spaces the stages need, each made once when first asked for."""
+    """A part of a frame at some scale, with the colour spaces the stages need, each made once when first asked for.
+
+    `bgr` is (height, width, 3) uint8; its pixel (i, j) is the picture at (x0_px + j step_px, y0_px + i step_px).
+    """
 
     def __init__(self, frame: Frame, window: Window) -> None:
-        self.window = window
-        self.bgr = frame.patch(window)
-        inside = window.clipped(frame.width_px, frame.height_px)
+        """The pixels of a window as they are."""
+        self._place(frame, window.x, window.y, 1.0, frame.patch(window))
+
+    @classmethod
+    def scaled(cls, frame: Frame, bgr: BgrImage, x0_px: float, y0_px: float, step_px: float) -> "Patch":
+        """Pixels that were cut from the frame at another scale (`core.sampling.cut_bgr`)."""
+        self = cls.__new__(cls)
+        self._place(frame, x0_px, y0_px, step_px, bgr)
+        return self
+
+    def _place(self, frame: Frame, x0_px: float, y0_px: float, step_px: float, bgr: BgrImage) -> None:
+        self.x0_px, self.y0_px, self.step_px, self.bgr = float(x0_px), float(y0_px), step_px, bgr
+        height, width = bgr.shape[:2]
+        x1 = int(np.floor((frame.width_px - 1 - x0_px) / step_px)) + 1
+        y1 = int(np.floor((frame.height_px - 1 - y0_px) / step_px)) + 1
+        x0, y0 = int(np.ceil(-x0_px / step_px)), int(np.ceil(-y0_px / step_px))
         self.picture = (
-            inside.x - window.x, inside.y - window.y,
-            inside.x - window.x + inside.width, inside.y - window.y + inside.height,
+            min(max(x0, 0), width), min(max(y0, 0), height), min(max(x1, 0), width), min(max(y1, 0), height),
         )  # fmt: skip
         """The part inside the picture as (x0, y0, x1, y1), half open, in patch coordinates."""
+
+    @property
+    def window(self) -> Window:
+        """The picture's pixels that the patch covers."""
+        height, width = self.bgr.shape[:2]
+        x0, y0 = round(self.x0_px), round(self.y0_px)
+        x1, y1 = round(self.x0_px + (width - 1) * self.step_px), round(self.y0_px + (height - 1) * self.step_px)
+        return Window(x0, y0, x1 - x0 + 1, y1 - y0 + 1)
 
     @cached_property
     def hsv(self) -> npt.NDArray[np.uint8]:
@@ -132,8 +185,14 @@ class Patch:
         return cv2.cvtColor(self.bgr, cv2.COLOR_BGR2GRAY)  # type: ignore[return-value]
 
     def local(self, circle: Circle) -> Circle:
-        """The circle in patch coordinates."""
-        return circle.shifted(-self.window.x, -self.window.y)
+        """A circle of the picture in patch coordinates."""
+        step = self.step_px
+        return Circle((circle.x_px - self.x0_px) / step, (circle.y_px - self.y0_px) / step, circle.r_px / step)
+
+    def in_picture(self, circle: Circle) -> Circle:
+        """A circle in patch coordinates as one of the picture."""
+        step = self.step_px
+        return Circle(self.x0_px + circle.x_px * step, self.y0_px + circle.y_px * step, circle.r_px * step)
 
 
 _KR_KB = {"bt601": (0.299, 0.114), "bt709": (0.2126, 0.0722), "bt2020": (0.2627, 0.0593)}
@@ -180,6 +239,12 @@ class YuvFrame(Frame):
         self.uv_step_px = uv_step_px
         self.uv_origin_px = uv_origin_px
         self.to_bgr = to_bgr
+
+    @cached_property
+    def planes(self) -> Planes:
+        grid = np.concatenate([self.uv_step_px, self.uv_origin_px, self.to_bgr.ravel()]).astype(np.float64)
+        u, v = self.uv
+        return Planes(_read_only(self.y), _read_only(u), _read_only(v), grid)
 
     def patch(self, window: Window) -> BgrImage:
         (sx, sy), (ox, oy) = self.uv_step_px, self.uv_origin_px
