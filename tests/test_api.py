@@ -124,11 +124,22 @@ def test_stopping_while_the_rest_is_copied_is_stopping_too(tmp_path: Path) -> No
 
 
 def test_an_error_in_the_middle_leaves_no_output_and_a_readable_part(clip: Path, tmp_path: Path) -> None:
+    def broken(done: int, total: int | None) -> None:
+        if done == 8:
+            raise api.UsageError("the cable is out")
+
+    at_once = SETTINGS.model_copy(update={"session": SessionConfig(smoother_lag_frames=1)})
+    with pytest.raises(api.UsageError, match="the cable is out"):
+        spheremcap.track(clip, tmp_path / "out.mcap", at_once, seeds(), progress=broken)
+    assert not (tmp_path / "out.mcap").exists()
+    assert 4 <= len(spheremcap.open(tmp_path / "out.mcap.part").tracks["orange"]) <= 8
+
+
+def test_a_wrong_seed_is_told_before_anything_is_written(clip: Path, tmp_path: Path) -> None:
     wrong = [*seeds(), spheremcap.Seed("orange", 8, spheremcap.Circle(900, 90, 18))]
     with pytest.raises(api.UsageError, match=r"clip\.mp4: seed of orange on frame 8"):
         spheremcap.track(clip, tmp_path / "out.mcap", SETTINGS, wrong)
-    assert not (tmp_path / "out.mcap").exists()
-    rows(tmp_path / "out.mcap.part")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("where", ["reading", "writing"])

@@ -19,6 +19,7 @@ from spheremcap.config import (
 )
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Seed
+from spheremcap.core.stage import StageConfig
 from spheremcap.errors import SettingsError, SpheremcapError
 from spheremcap.tracking.kcf import KcfConfig
 
@@ -57,6 +58,8 @@ def test_an_unknown_key_is_named_with_its_place_and_where_to_look(settings_file,
     ("text", "key", "found"),
     [
         ("[chain.jury]\nth1 = 7", "chain.jury.th1", "7"),
+        ('[chain]\nwhen_sure = "guess"', "chain.when_sure", "guess"),
+        ("[chain.jury]\nth2 = 4.5", "chain.jury", "th2 = 4.5 is above th1 = 4"),
         ('[chain.kcf]\nkernel = "cubic"', "chain.kcf.kernel", "cubic"),
         ("[session]\nsmoother_lag_frames = 0", "session.smoother_lag_frames", "0"),
         ('[[markers]]\nname = "left wrist"', "markers.0.name", "left wrist"),
@@ -103,8 +106,12 @@ def test_changed_settings_come_back_from_their_own_toml(settings_file):
 
 def test_the_toml_shows_every_key_that_has_a_value():
     tables = tomllib.loads(Settings().to_toml())
-    for name in ChainConfig.model_fields:
-        assert set(tables["chain"][name]) == set(type(getattr(ChainConfig(), name)).model_fields)
+    assert set(tables["chain"]) == set(ChainConfig.model_fields)
+    for name, stage in ChainConfig():
+        if isinstance(stage, StageConfig):
+            assert set(tables["chain"][name]) == set(type(stage).model_fields)
+        else:
+            assert tables["chain"][name] == stage
     assert tables["session"]["smoother_lag_frames"] == 60
 
 

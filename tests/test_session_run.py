@@ -1,5 +1,6 @@
 """All markers over one source: seeds, requests, smoothing, and what a session costs."""
 
+from dataclasses import fields, replace
 from functools import lru_cache
 
 import numpy as np
@@ -155,6 +156,29 @@ def test_two_runs_are_the_same():
             np.testing.assert_array_equal(p.xyz_cam_m, q.xyz_cam_m)
 
 
+@pytest.mark.parametrize("threads", [2, 5])
+def test_the_number_of_threads_changes_nothing(threads):
+    """Looks run side by side; deciding and learning go in order, nearest first."""
+
+    def run(count):
+        return list(session(threads=count, keep_view=lambda e: True).run(frames(24, HIDDEN)))
+
+    for a, b in zip(run(1), run(threads), strict=True):
+        assert a.requests == b.requests
+        for kind in ("estimates", "smoothed", "views"):
+            for x, y in zip(getattr(a, kind), getattr(b, kind), strict=True):
+                for field in fields(x):
+                    if field.name != "responses":
+                        np.testing.assert_array_equal(getattr(x, field.name), getattr(y, field.name), field.name)
+
+
+def test_the_markers_of_a_camera_learn_its_optics_together():
+    both = session()
+    first, second = (lane.chain for lane in both._lanes.values())
+    assert first.optics is second.optics
+    assert session()._lanes["wrist"].chain.optics is not first.optics
+
+
 def test_an_empty_source_with_no_seed_due_says_what_is_missing():
     with pytest.raises(UsageError, match="the source has 0 frames"):
         list(session().run([]))
@@ -210,12 +234,56 @@ def test_a_marker_without_a_seed_says_how_to_give_one():
 
 
 @pytest.mark.parametrize("circle", [Circle(-5, 50, 10), Circle(50, 240, 10), Circle(400, 50, 10), Circle(50, 50, 0.5)])
-def test_a_seed_outside_the_picture_is_an_error_that_says_where(circle):
-    with pytest.raises(UsageError, match=r"seed of wrist on frame 0: circle x=.* outside the 320x240 picture"):
-        list(session((Seed("wrist", 0, circle), seed("elbow"))).run(frames(3)))
+@pytest.mark.parametrize("index", [0, 20_000])
+def test_a_seed_outside_the_picture_is_an_error_that_says_where(circle, index):
+    """At the start, not when its frame comes: a typo in a late correction must not cost the run."""
+    seeds = (seed("wrist"), Seed("wrist", 20_000, circle)) if index else (Seed("wrist", 0, circle),)
+    match = rf"seed of wrist on frame {index}: circle x=.* outside the 320x240 picture"
+    with pytest.raises(UsageError, match=match):
+        session((*seeds, seed("elbow")))
 
 
-def test_a_seed_on_a_frame_that_never_came_is_an_error_that_says_how_many_there_are():
+def test_two_seeds_of_one_marker_on_one_frame_are_an_error_at_the_start():
+    again = Seed("wrist", 8, truth(wrist(8)).shifted(2, 0))
+    with pytest.raises(UsageError, match="two seeds of wrist on frame 8: keep the right one"):
+        session((*BOTH, seed("wrist", 8), again))
+
+
+def test_a_seed_on_a_frame_that_did_not_come_is_asked_for_again_and_not_taken_on_another():
+    """Frames 4 and 5 are lost; the marker has moved on by frame 6, where its circle of frame 5 is wrong."""
+    came = [frame for frame in frames(12) if frame.index not in (4, 5)]
+    results = list(session((*BOTH, seed("wrist", 5))).run(came))
+    assert all(e.status is Status.VERIFIED for e in of(results, "wrist")[1:])
+    requests = [(r.frame_index, q) for r in results for q in r.requests]
+    assert len(requests) == 1
+    index, request = requests[0]
+    assert (index, request.marker, request.frame_index, request.raised_at_frame_index) == (6, "wrist", 6, 6)
+    assert request.stamp_ns == request.raised_stamp_ns == 6 * PERIOD_NS
+    assert "frame 5 did not come" in request.reason
+
+
+def test_a_marker_whose_only_seed_did_not_come_waits_for_a_person():
+    came = [frame for frame in frames(12) if frame.index != 3]
+    results = list(session((seed("wrist", 3), seed("elbow"), seed("wrist", 9))).run(came))
+    assert [(r.frame_index, q.marker) for r in results for q in r.requests] == [(4, "wrist")]
+    assert [e.frame_index for e in of(results, "wrist")] == [9, 10, 11]
+
+
+def test_a_persons_seed_wins_over_another_marker_at_its_place():
+    """The elbow's chain has gone astray and sits on the wrist; the person who says that the wrist is there is right."""
+    astray = Seed("elbow", 0, truth(wrist(0)))
+    together = MarkerSpec("wrist", 2 * RADIUS_M), MarkerSpec("elbow", 2 * RADIUS_M)
+    results = list(Session(CAMERA, together, (astray, seed("wrist", 4))).run(frames(8)))
+    assert of(results, "elbow")[3].status is Status.VERIFIED
+    first = of(results, "wrist")[0]
+    assert (first.frame_index, first.status) == (4, Status.SEEDED)
+    assert first.circle.distance(truth(wrist(4))) < 0.35
+    there = of(results, "elbow")[4]
+    assert not there.status.measured
+    assert there.reasons == ("covered",)
+
+
+def test_a_seed_after_the_last_frame_is_an_error_that_says_how_many_there_are():
     with pytest.raises(UsageError, match=r"seed of wrist on frame 99: the source has 5 frames \(0 to 4\)"):
         list(session((*BOTH, seed("wrist", 99))).run(frames(5)))
 
@@ -234,6 +302,9 @@ def test_a_lost_marker_raises_one_request_for_its_first_unverified_frame():
     assert (request.raised_at_frame_index, request.raised_stamp_ns) == (lost.frame_index, lost.stamp_ns)
     assert lost.frame_index == 16  # five in a row
     assert "5 frames in a row without a verified circle" in request.reason
+    seen = of(results, "wrist")[12:17]
+    assert set(request.reasons) == {name for e in seen for name in e.reasons}
+    assert all(name in request.reason for name in request.reasons)
     assert results[16].requests == (request,)
 
 
@@ -309,6 +380,16 @@ def test_without_a_calibrated_camera_there_are_no_poses():
 
 
 # -- pictures for people ---------------------------------------------------------------------------
+
+
+def test_the_smoothed_covariance_has_the_focal_lengths_share():
+    loose = replace(CAMERA, focal_sd=0.03)
+    runs = [list(Session(camera, MARKERS[:1], (seed("wrist"),)).run(frames(8))) for camera in (CAMERA, loose)]
+    for plain, unsure in zip(*runs, strict=True):
+        (a,), (b,) = plain.smoothed, unsure.smoothed
+        np.testing.assert_allclose(b.xyz_cam_m, a.xyz_cam_m)
+        expected = a.covariance_m2 + 0.03**2 * np.outer(a.xyz_cam_m, a.xyz_cam_m)
+        np.testing.assert_allclose(b.covariance_m2, expected, rtol=1e-6)
 
 
 def test_views_are_kept_where_they_are_asked_for():

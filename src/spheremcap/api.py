@@ -21,7 +21,7 @@ from spheremcap.core.marker import Seed
 from spheremcap.core.presets import PRESETS, assumed_camera
 from spheremcap.core.time import NS_PER_S, format_time
 from spheremcap.errors import UsageError
-from spheremcap.io.ahead import ahead
+from spheremcap.io.ahead import ahead, in_order
 from spheremcap.io.camera_file import read_camera_info
 from spheremcap.io.encode import H264Encoder, jpeg_encode
 from spheremcap.io.join import Join, SharedWriter, checked_output, open_output
@@ -127,8 +127,7 @@ def track(
     packets = settings.output.video in ("auto", "passthrough")
     with open_input(path, mcap, start_time_ns=start_time_ns, packets=packets) as given:
         report = TrackReport(out)
-        size, digest = _fingerprint(path)
-        shared = RunInfo(path.name, size, digest)
+        shared = RunInfo(path.name, *_fingerprint(path))
         cameras = [_Camera(*one, folder, shared) for one in _by_camera(given.views, settings, seeds)]
         hints = [view.source.frame_count_hint for view in given.views]
         done, expected = 0, sum(hint or 0 for hint in hints) if all(hints) else None
@@ -150,10 +149,11 @@ def track(
                 logs.enter_context(camera.begin(writer))
             last_ns = 0
             steps = [logs.enter_context(closing(camera.steps(go_on))) for camera in cameras]
-            for log_ns, write in heapq.merge(*steps, key=lambda step: step[0]):
-                copy.until(log_ns)
-                write()
-                last_ns = log_ns
+            with in_order() as writing:
+                for log_ns, write in heapq.merge(*steps, key=lambda step: step[0]):
+                    writing(copy.until, log_ns)
+                    writing(write)
+                    last_ns = log_ns
             for camera in cameras:
                 camera.end(report, last_ns)
             if not report.stopped:
@@ -183,11 +183,14 @@ class _Camera:
         self._encode, video_note = _picture_maker(settings, view)
         self._notes = [camera_note, video_note, *view.notes]
         self._specs = [m.spec() for m in settings.markers]
-        self._session = Session(
-            camera, self._specs, seeds, settings.chain, settings.session,
-            exposure_s=settings.camera.exposure_s, readout_s=settings.camera.readout_s,
-            metric=metric, keep_view=_view_keeper(settings),
-        )  # fmt: skip
+        try:
+            self._session = Session(
+                camera, self._specs, seeds, settings.chain, settings.session,
+                exposure_s=settings.camera.exposure_s, readout_s=settings.camera.readout_s,
+                metric=metric, keep_view=_view_keeper(settings),
+            )  # fmt: skip
+        except UsageError as error:
+            raise UsageError(f"{source.path}: {error}") from error
         writes_calibration = metric and not (view.calibrated and camera is beside)
         self._calibration = camera if writes_calibration else None
         pictures = _PICTURE_TOPICS.get(settings.output.video)

@@ -1,20 +1,25 @@
 """All markers over one source of frames: seeds, the order of things, requests, and the fixed-lag smoother."""
 
-from collections import deque
+import os
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 
 from pydantic import Field
 
 from spheremcap.chain import ChainConfig, MarkerChain
 from spheremcap.core.camera import Camera
-from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import FrameResult, MarkerEstimate, OperatorRequest, SmoothedPose, Status
 from spheremcap.core.frame import Frame
+from spheremcap.core.look import Look
 from spheremcap.core.marker import MarkerSpec, Seed
 from spheremcap.core.stage import StageConfig
+from spheremcap.core.view import StageView
+from spheremcap.detection.optics import OpticsLearner
 from spheremcap.errors import UsageError
-from spheremcap.positioning.kalman import Moment, smooth
+from spheremcap.positioning.kalman import KalmanConfig, Moment, smooth
 
 
 class SessionConfig(StageConfig):
@@ -35,14 +40,16 @@ class _Lane:
     moments: deque[tuple[int, int, Moment]] = field(default_factory=deque)  # (frame index, stretch, moment)
     first_miss_stamp_ns: int = 0
     first_miss_frame: int = 0
+    against: Counter[str] = field(default_factory=Counter)  # what spoke against the claims since then
 
 
 class Session:
     """Tracks several markers through frames in order, each by its own chain, each frame decoded once.
 
     `camera` must fit the frames' size; `metric` False means it is only assumed and no metres are given out.
-    `keep_view` says for which estimates the stages' pictures are kept. Raises UsageError for a
-    seed of an unknown marker, or for a marker without a seed.
+    `keep_view` says for which estimates the stages' pictures are kept. The markers' looks at a frame run side by side
+    in up to `threads` threads (None: as many as there are processors); results do not depend on how many. Raises
+    UsageError for a seed of an unknown marker, outside the picture or twice on one frame, or for a marker without one.
     """
 
     def __init__(
@@ -57,15 +64,14 @@ class Session:
         metric: bool = True,
         readout_s: float | None = None,
         keep_view: Callable[[MarkerEstimate], bool] = lambda estimate: False,
+        threads: int | None = None,
     ) -> None:
         self._keep_view = keep_view
         self.config = config or SessionConfig()
         chain = chain or ChainConfig()
-        self._acceleration = chain.kalman.acceleration_mps2
-        names = [m.name for m in markers]
-        for seed in seeds:
-            if seed.marker not in names:
-                raise UsageError(f"seed for marker {seed.marker!r}, which is not among {', '.join(names) or 'none'}")
+        self._kalman = chain.kalman
+        check_seeds(seeds, [m.name for m in markers], camera.width_px, camera.height_px)
+        optics = OpticsLearner(exposure_s, readout_s, chain.edge.learn_blur, camera.height_px)
         self._lanes: dict[str, _Lane] = {}
         for marker in markers:
             own = deque(sorted((s for s in seeds if s.marker == marker.name), key=lambda s: s.frame_index))
@@ -73,63 +79,63 @@ class Session:
                 raise UsageError(
                     f"marker {marker.name!r} has no seed; give one: --seed {marker.name}@FRAME=X,Y,R (pixels)"
                 )
-            self._lanes[marker.name] = _Lane(MarkerChain(marker, camera, chain, exposure_s, metric, readout_s), own)
+            self._lanes[marker.name] = _Lane(MarkerChain(marker, camera, chain, metric=metric, optics=optics), own)
         self._metric = metric
+        self._threads = min(threads or os.cpu_count() or 1, len(self._lanes))
 
     def run(self, frames: Iterable[Frame]) -> Iterator[FrameResult]:
         """One FrameResult a frame, in order, each held back until the smoother's lag has passed.
 
-        Raises UsageError when a seed lies outside the picture or on a frame that never came.
+        Raises UsageError when a seed lies on a frame after the last one.
         """
         lag = self.config.smoother_lag_frames
         pending: deque[FrameResult] = deque()
-        count = 0
-        for frame in frames:
-            count += 1
-            pending.append(self._frame(frame))
-            # Smoothing in blocks of one lag costs each pose two backward steps, whatever the lag.
-            if len(pending) >= 2 * lag:
-                yield from self._release(pending, lag)
-        yield from self._release(pending, len(pending))
+        count, last = 0, -1
+        with ThreadPoolExecutor(self._threads, "look") if self._threads > 1 else nullcontext() as pool:
+            for frame in frames:
+                count, last = count + 1, max(last, frame.index)
+                pending.append(self._frame(frame, pool.map if pool is not None else map))
+                # Smoothing in blocks of one lag costs each pose two backward steps, whatever the lag.
+                if len(pending) >= 2 * lag:
+                    yield from self._release(pending, lag)
+            yield from self._release(pending, len(pending))
         for name, lane in self._lanes.items():
             for seed in lane.seeds:
                 raise UsageError(
                     f"seed of {name} on frame {seed.frame_index}: the source has {count} frames"
-                    + (f" (0 to {count - 1})" if count else "")
+                    + (f" (0 to {last})" if count else "")
                 )
 
-    def _frame(self, frame: Frame) -> FrameResult:
+    def _frame(self, frame: Frame, side_by_side: Callable[..., Iterable[tuple[Look, ...]]]) -> FrameResult:
         found: dict[str, MarkerEstimate] = {}
-        # A nearer marker hides a farther one, and a lost one is not looked for where others are.
-        for name, lane in sorted(self._lanes.items(), key=lambda item: item[1].chain.range_m):
-            taken = [e.circle for e in found.values() if e.circle is not None and e.status.measured]
-            estimate = self._step(lane, frame, taken)
-            if estimate is not None:
-                found[name] = estimate
-        estimates, requests, views = [], [], []
+        views: dict[str, StageView] = {}
+        requests: list[OperatorRequest] = []
+        # A person's word goes before everything that the chains see.
         for name, lane in self._lanes.items():
-            if name not in found:
-                continue
-            estimates.append(found[name])
-            requests += self._note(lane, found[name])
-            if lane.chain.view is not None and self._keep_view(found[name]):
-                views.append(lane.chain.view)
-        return FrameResult(frame.index, frame.stamp_ns, tuple(estimates), (), tuple(requests), tuple(views))
-
-    def _step(self, lane: _Lane, frame: Frame, taken: Sequence[Circle]) -> MarkerEstimate | None:
-        """The chain's estimate on this frame, given the circles of others; None before the marker's first seed."""
-        if lane.seeds and lane.seeds[0].frame_index <= frame.index:
-            seed = lane.seeds.popleft()
-            circle = seed.circle
-            inside = 0 <= circle.x_px <= frame.width_px - 1 and 0 <= circle.y_px <= frame.height_px - 1
-            if not inside or circle.r_px < 1:
-                raise UsageError(
-                    f"seed of {seed.marker} on frame {seed.frame_index}: circle x={circle.x_px:g} y={circle.y_px:g} "
-                    f"r={circle.r_px:g} is outside the {frame.width_px}x{frame.height_px} picture"
-                )
-            lane.seeded = True
-            return lane.chain.seed(frame, circle)
-        return lane.chain.step(frame, keep_view=True, taken=taken) if lane.seeded else None
+            seed, missing = _due(lane.seeds, frame.index)
+            requests += [_unseen(frame, one) for one in missing]
+            if seed is not None:
+                lane.seeded = True
+                found[name] = lane.chain.seed(frame, seed.circle)
+        # A nearer marker hides a farther one, and a lost one is not looked for where others are.
+        lanes = [(name, lane) for name, lane in self._lanes.items() if lane.seeded and name not in found]
+        lanes.sort(key=lambda item: item[1].chain.range_m)
+        for _, lane in lanes:
+            lane.chain.predict(frame)
+        looks = side_by_side(lambda item: item[1].chain.look(frame), lanes)
+        for (name, lane), seen in zip(lanes, list(looks), strict=True):
+            taken = [e.circle for e in found.values() if e.circle is not None and e.status.measured]
+            found[name] = lane.chain.settle(frame, seen, taken)
+            view = lane.chain.view(frame, seen) if seen and self._keep_view(found[name]) else None
+            if view is not None:
+                views[name] = view
+        names = [name for name in self._lanes if name in found]
+        for name in names:
+            requests += self._note(self._lanes[name], found[name])
+        return FrameResult(
+            frame.index, frame.stamp_ns, tuple(found[name] for name in names), (), tuple(requests),
+            tuple(views[name] for name in names if name in views),
+        )  # fmt: skip
 
     def _note(self, lane: _Lane, estimate: MarkerEstimate) -> list[OperatorRequest]:
         """Keep the filter's state for smoothing; ask for a person when the marker has become lost."""
@@ -138,16 +144,20 @@ class Session:
         moment = lane.chain.moment
         if moment is not None and self._metric:
             lane.moments.append((estimate.frame_index, lane.stretch, moment))
-        if not estimate.status.measured and (lane.status is None or lane.status.measured):
-            lane.first_miss_frame, lane.first_miss_stamp_ns = estimate.frame_index, estimate.stamp_ns
+        if not estimate.status.measured:
+            if lane.status is None or lane.status.measured:
+                lane.first_miss_frame, lane.first_miss_stamp_ns = estimate.frame_index, estimate.stamp_ns
+                lane.against.clear()
+            lane.against.update(estimate.reasons)
         lost = estimate.status is Status.LOST and lane.status is not Status.LOST
         before, lane.status = lane.status, estimate.status
         if not lost:
             return []
+        reasons = tuple(name for name, _ in lane.against.most_common())
         reason = (
             "did not come back into the picture"
             if before is Status.OUT_OF_VIEW
-            else f"{lane.chain.misses} frames in a row without a verified circle"
+            else f"{lane.chain.misses} frames in a row without a verified circle: {', '.join(reasons)}"
         )
         if estimate.vote_sum is not None:
             reason += f"; votes {estimate.vote_sum:.2f} of 6"
@@ -159,6 +169,7 @@ class Session:
                 estimate.frame_index,
                 estimate.stamp_ns,
                 reason,
+                reasons,
             )
         ]
 
@@ -169,15 +180,11 @@ class Session:
             return
         last = pending[count - 1].frame_index
         for name, lane in self._lanes.items():
-            for index, moment in _smoothed(list(lane.moments), self._acceleration):
+            for index, moment in _smoothed(list(lane.moments), self._kalman):
                 if index <= last:
+                    covariance = lane.chain.whereabouts.reported(moment.xyz_cam_m, moment.covariance[:3, :3])
                     pose = SmoothedPose(
-                        name,
-                        index,
-                        moment.stamp_ns,
-                        moment.xyz_cam_m,
-                        moment.covariance[:3, :3],
-                        moment.velocity_cam_mps,
+                        name, index, moment.stamp_ns, moment.xyz_cam_m, covariance, moment.velocity_cam_mps
                     )
                     smoothed.setdefault(index, []).append(pose)
             while lane.moments and lane.moments[0][0] <= last:
@@ -187,14 +194,45 @@ class Session:
             yield replace(result, smoothed=tuple(smoothed.get(result.frame_index, ())))
 
 
-def _smoothed(moments: Sequence[tuple[int, int, Moment]], acceleration_mps2: float) -> Iterator[tuple[int, Moment]]:
+def _smoothed(moments: Sequence[tuple[int, int, Moment]], kalman: KalmanConfig) -> Iterator[tuple[int, Moment]]:
     """Frame index and smoothed moment of each, stretch by stretch."""
     start = 0
     for k in range(1, len(moments) + 1):
         if k == len(moments) or moments[k][1] != moments[start][1]:
             stretch = moments[start:k]
-            for (index, _, _), moment in zip(
-                stretch, smooth([m for _, _, m in stretch], acceleration_mps2), strict=True
-            ):
+            smoothed = smooth([m for _, _, m in stretch], kalman.acceleration_mps2, kalman.enabled)
+            for (index, _, _), moment in zip(stretch, smoothed, strict=True):
                 yield index, moment
             start = k
+
+
+def check_seeds(seeds: Iterable[Seed], markers: Sequence[str], width_px: int, height_px: int) -> None:
+    """Raises UsageError for a seed of an unknown marker, one outside a picture of this size, or two on one frame."""
+    given = set()
+    for seed in seeds:
+        if seed.marker not in markers:
+            raise UsageError(f"seed for marker {seed.marker!r}, which is not among {', '.join(markers) or 'none'}")
+        circle = seed.circle
+        inside = 0 <= circle.x_px <= width_px - 1 and 0 <= circle.y_px <= height_px - 1
+        if not inside or not 1 <= circle.r_px <= max(width_px, height_px):
+            raise UsageError(
+                f"seed of {seed.marker} on frame {seed.frame_index}: circle x={circle.x_px:g} y={circle.y_px:g} "
+                f"r={circle.r_px:g} is outside the {width_px}x{height_px} picture"
+            )
+        if (seed.marker, seed.frame_index) in given:
+            raise UsageError(f"two seeds of {seed.marker} on frame {seed.frame_index}: keep the right one")
+        given.add((seed.marker, seed.frame_index))
+
+
+def _due(seeds: deque[Seed], index: int) -> tuple[Seed | None, list[Seed]]:
+    """The seed of this frame, and those of frames that never came; all of them leave the queue."""
+    missing = []
+    while seeds and seeds[0].frame_index < index:
+        missing.append(seeds.popleft())
+    return (seeds.popleft() if seeds and seeds[0].frame_index == index else None), missing
+
+
+def _unseen(frame: Frame, seed: Seed) -> OperatorRequest:
+    """The person who gave a seed on a frame that never came is asked for another."""
+    reason = f"its seed's frame {seed.frame_index} did not come (lost or undecodable): give a circle on this one"
+    return OperatorRequest(seed.marker, frame.index, frame.stamp_ns, frame.index, frame.stamp_ns, reason)

@@ -21,6 +21,7 @@ CAMERAS = {
         "plumb_bob",
         (0.1, -0.05, 4e-4, 3e-4, 0.01, 0.2, -0.02, 0.005),
     ),
+    "plumb_bob_5": Camera(WIDTH, HEIGHT, 800.0, 805.0, 630.3, 365.8, "plumb_bob", (-0.25, 0.09, 4e-4, -3e-4, -0.02)),
     "fisheye": Camera(WIDTH, HEIGHT, 560.0, 562.0, 641.0, 352.0, "fisheye", (0.03, -0.012, 0.004, -0.001)),
 }
 pixels = st.tuples(st.floats(0, WIDTH - 1), st.floats(0, HEIGHT - 1))
@@ -54,6 +55,32 @@ def test_projection_is_opencvs(name):
     else:
         expected, _ = cv2.projectPoints(points, zero, zero, camera.matrix, np.array(camera.distortion))
     np.testing.assert_allclose(camera.project(points), expected.reshape(-1, 2), atol=1e-8)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_a_pixel_beside_the_picture_has_its_own_ray_or_none(name):
+    """Far out a distorted pixel may have no ray at all; it must not be given one of another pixel."""
+    camera, rng = CAMERAS[name], np.random.default_rng(4)
+    points = rng.uniform((-1500, -1200), (WIDTH + 1500, HEIGHT + 1200), (800, 2))
+    normal = camera.normalise(points)
+    known = np.isfinite(normal).all(axis=1)
+    assert known.sum() > 100
+    assert (np.hypot(*normal[known].T) <= camera.holds_to).all()
+    there = camera.project(np.column_stack([normal[known], np.ones(known.sum())]))
+    np.testing.assert_allclose(there, points[known], atol=1e-3)
+
+
+@pytest.mark.parametrize("name", [name for name in CAMERAS if name != "none"])
+def test_beyond_the_radius_that_the_lens_model_holds_for_there_is_no_pixel(name):
+    """A barrel's polynomial turns back: without this, what lies far beside the picture would be seen in it."""
+    camera = CAMERAS[name]
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    xyz = np.column_stack([camera.holds_to * np.cos(angles), camera.holds_to * np.sin(angles), np.ones(24)])
+    assert np.isfinite(camera.project(xyz * (0.999, 0.999, 1))).all()
+    assert np.isnan(camera.project(xyz * (1.001, 1.001, 1))).all()
+    assert np.isnan(camera.project(xyz * (40, 40, 1))).all()
+    seen = camera.normalise(np.array([[0, 0], [WIDTH - 1, 0], [0, HEIGHT - 1], [WIDTH - 1, HEIGHT - 1.0]]))
+    assert camera.holds_to > np.hypot(*seen.T).max()
 
 
 def test_axes_are_x_right_y_down_z_forward():

@@ -160,6 +160,34 @@ def test_a_bgr_frame_refuses_what_is_no_picture():
             BgrFrame(0, 0, image)
 
 
+@pytest.mark.parametrize("window", [Window(0, 0, WIDTH, HEIGHT), Window(3, 4, 10, 9), Window(-2, 0, 9, 9)])
+def test_a_driver_that_fills_its_buffer_again_does_not_change_a_patch(window):
+    buffer = IMAGE.copy()
+    frame = BgrFrame(0, 0, buffer)
+    patch = frame.patch(window)
+    assert not np.shares_memory(patch, buffer)
+    buffer[:] = 0
+    np.testing.assert_array_equal(patch, padded(IMAGE, window))
+
+
+def test_a_frames_picture_and_planes_are_not_to_be_written_to():
+    buffer = IMAGE.copy()
+    frame = BgrFrame(0, 0, buffer)
+    for array in (frame.image, frame.full, *frame.planes[:3], *yuv_picture().planes[:3]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 1
+    buffer[0, 0] = 1  # it stays the caller's own
+
+
+def test_planes_say_how_they_become_colours():
+    yuv = yuv_picture((2, 1), (0.0, 0.0))
+    assert yuv.planes.grid.tolist() == [2, 1, 0, 0, *BT709.ravel()]
+    assert np.shares_memory(yuv.planes.y, yuv.y)
+    own = BgrFrame(0, 0, IMAGE).planes
+    np.testing.assert_array_equal(np.dstack(own[:3]), IMAGE)
+    np.testing.assert_array_equal(own.grid[4:].reshape(3, 4), np.eye(3, 4))
+
+
 def test_a_frame_knows_its_number_time_and_size():
     frame = BgrFrame(7, 99, IMAGE)
     assert (frame.index, frame.stamp_ns, frame.width_px, frame.height_px) == (7, 99, WIDTH, HEIGHT)
@@ -222,6 +250,23 @@ def test_a_patch_knows_which_part_of_it_lies_inside_the_picture():
 def test_a_patch_turns_circles_into_its_own_pixels():
     patch = Patch(BgrFrame(0, 0, IMAGE), Window(-3, 6, 20, 20))
     assert patch.local(Circle(10.25, 8.5, 3)) == Circle(13.25, 2.5, 3)
+
+
+@pytest.mark.parametrize("step", [0.4, 1.0, 3.3])
+def test_a_patch_at_another_scale_goes_there_and_back(step):
+    patch = Patch.scaled(BgrFrame(0, 0, IMAGE), np.zeros((20, 24, 3), np.uint8), -4.2, 3.1, step)
+    circle = Circle(10.25, 8.5, 3)
+    local = patch.local(circle)
+    assert (local.x_px * step - 4.2, local.y_px * step + 3.1) == pytest.approx((10.25, 8.5))
+    back = patch.in_picture(local)
+    assert (back.x_px, back.y_px, back.r_px) == pytest.approx((10.25, 8.5, 3))
+    # Just the pixels that lie on the picture.
+    x0, y0, x1, y1 = patch.picture
+    columns, rows = -4.2 + step * np.arange(24), 3.1 + step * np.arange(20)
+    inside = [np.flatnonzero((at >= 0) & (at <= size - 1)) for at, size in ((columns, WIDTH), (rows, HEIGHT))]
+    assert (x0, x1) == (inside[0][0], inside[0][-1] + 1)
+    assert (y0, y1) == (inside[1][0], inside[1][-1] + 1)
+    assert patch.window.holds(*(-4.2 + step * 12, 3.1 + step * 10))
 
 
 def test_hue_counts_two_degrees_a_step():

@@ -1,10 +1,11 @@
+import numpy as np
 import pytest
 
 from scenes import BLUE, CAMERA, GREEN, ORANGE, Cover, ball_at, bgr_frame, picture, truth, yuv_frame
 from spheremcap.core.circle import Circle
-from spheremcap.core.frame import Patch, Window
+from spheremcap.core.frame import Frame, Patch, Window
 from spheremcap.detection.acquire import AcquireConfig, acquire
-from spheremcap.detection.colour import ColourConfig, disc_pixels, learn_box
+from spheremcap.detection.colour import ColourConfig, colour_circle, disc_pixels, learn_box
 
 EVERYWHERE = Window(0, 0, CAMERA.width_px, CAMERA.height_px)
 
@@ -60,6 +61,34 @@ def test_only_the_region_is_searched():
     image = picture(ball)
     assert found_in(image, ball, Window(150, 0, 170, 240)) == []
     assert found_in(image, ball, Window(30, 20, 90, 90))[0].distance(truth(ball)) < 5
+
+
+@pytest.mark.parametrize("r", [9, 14, 28])
+def test_where_the_region_begins_does_not_move_what_is_found(r):
+    """The centre lies on the ball whichever pixels the steps fall on."""
+    ball = ball_at(160.4, 118.7, r)
+    frame, box, circle = bgr_frame(picture(ball)), box_of(ball), truth(ball)
+    centres = []
+    for k in range(9):
+        region = Window(80 + k, 40 + k // 2, 150, 150)
+        found = acquire(frame, box, 1.0, circle, region, AcquireConfig())
+        centres.append((found[0].x_px - circle.x_px, found[0].y_px - circle.y_px))
+    patch = Patch(frame, Window.around(circle, 2 * r))
+    fine = colour_circle(box.mask(patch.hsv), patch, circle)
+    bias = np.array([fine.x_px - circle.x_px, fine.y_px - circle.y_px])
+    assert np.abs(np.mean(centres, axis=0) - bias).max() < 0.05 * r
+    assert np.ptp(centres, axis=0).max() < 0.25 * r
+
+
+def test_no_picture_is_converted_as_a_whole():
+    class Planes(Frame):
+        """A frame whose planes are at hand, and nothing else."""
+
+        planes = bgr_frame(picture(ball_at(70, 60, 14))).planes
+
+    ball = ball_at(70, 60, 14)
+    found = acquire(Planes(0, 0, 320, 240), box_of(ball), 1.0, truth(ball), EVERYWHERE, AcquireConfig())
+    assert found[0].distance(truth(ball)) < 5
 
 
 def test_a_region_out_of_the_picture_finds_nothing():

@@ -1,18 +1,23 @@
 """Sub-pixel outlines of shaded spheres: through MarkerChain.seed, and the edge points themselves."""
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
+from reference import edge as reference
 from scenes import BLUE, CAMERA, GREEN, ORANGE, RADIUS_M, Cover, ball_at, bgr_frame, picture, truth, yuv_frame
 from spheremcap.chain import ChainConfig, MarkerChain
 from spheremcap.core.circle import Circle
-from spheremcap.core.frame import Patch, Window
+from spheremcap.core.frame import Frame, Patch, Window
 from spheremcap.core.marker import MarkerSpec
+from spheremcap.detection.colour import ColourConfig, disc_pixels, learn_box
 from spheremcap.detection.edge import EdgeConfig, find_edges
 from spheremcap.positioning.sphere import circle_of_sphere, fit_sphere, outline_px
 
 SPEC = MarkerSpec("marker", 2 * RADIUS_M)
 COLOURS = (ORANGE, GREEN, BLUE)
+STILL = np.zeros(2)
 PLACES = [(131.3, 104.8), (166.0, 118.5), (190.72, 131.27), (148.4, 139.9), (175.15, 98.33), (120.85, 121.6)]
 
 
@@ -37,8 +42,105 @@ def edges_of(frame, ball, off=(0.6, -0.4), **how):
     circle = truth(ball)
     xyz = np.array(ball.xyz)
     start = outline_px(xyz, RADIUS_M, CAMERA) + off
-    patch = Patch(frame, Window.around(circle, 2.5 * circle.r_px))
-    return find_edges(patch, start, circle.r_px, 2.5, (0.0, 0.0), None, EdgeConfig(**how))
+    return find_edges(frame, start, circle.r_px, 2.5, STILL, None, EdgeConfig(**how))
+
+
+# -- the compiled loop and its reference -----------------------------------------------------------
+
+
+def both(frame: Frame, ball, blur, coarse, limits=None, config=None, thinned=True):
+    """What the compiled loop finds half a pixel off the truth, and what the reference does, on the rays of both; how
+    many rays only one of them has."""
+    config, circle = config or EdgeConfig(), truth(ball)
+    outline = outline_px(np.array(ball.xyz), RADIUS_M, CAMERA, config.rays) + np.array([0.5, -0.3])
+    reach = 0.2 * circle.r_px + 1 if coarse else max(1.5, 0.05 * circle.r_px)
+    where = (frame, outline, circle.r_px, reach, np.array(blur, float), limits, config, coarse)
+    ours, other = find_edges(*where), reference.find_edges(*where, thinned=thinned)
+    assert ours is not None
+    assert other is not None
+    assert ours.rays == other.rays
+    _, mine, its = np.intersect1d(ours.ray, other.ray, return_indices=True)
+    assert len(mine) > 12
+    alone = len(ours.ray) + len(other.ray) - 2 * len(mine)
+    return (ours, mine), (other, its), alone
+
+
+def assert_equal(found):
+    """Offsets within 0.01 px and 2 % of their deviation, that within 3 % and 0.2 of its inverse: levels of light are
+    looked up in a table of 2,049, where single and double precision may fall on either side of a step. One ray may be
+    just good enough for one of the two.
+    """
+    (ours, mine), (other, its), alone = found
+    off = np.abs(ours.offset_px[mine] - other.offset_px[its])
+    assert off.max() < 0.01
+    assert (off / ours.sd_px[mine]).max() < 0.02
+    np.testing.assert_allclose(ours.points_px[mine], other.points_px[its], atol=0.01)
+    np.testing.assert_allclose(1 / ours.sd_px[mine], 1 / other.sd_px[its], rtol=0.03, atol=0.2)
+    assert alone <= 1
+    assert ours.explained == pytest.approx(other.explained, abs=3e-4 if alone == 0 else 5e-3)
+
+
+@pytest.mark.parametrize("coarse", [False, True])
+@pytest.mark.parametrize("frame_of", [bgr_frame, yuv_frame])
+@pytest.mark.parametrize("r", [6, 8, 12, 20, 30, 45, 70, 100])
+def test_the_compiled_edges_equal_the_reference(r, frame_of, coarse):
+    """Small ones to ones that fill the picture; still, swept along and across; near enough flat and on texture."""
+    for k, blur in enumerate([(0, 0), (6, 3), (0, -14), (-0.3, 0.2)]):
+        if np.hypot(*blur) < 1.2 * r:
+            ball = ball_at(157.3, 119.1, r, rgb=COLOURS[k % 3])
+            frame = frame_of(picture(ball, noise_seed=r, backdrop=k))
+            assert_equal(both(frame, ball, blur, coarse))
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        EdgeConfig(shading=False),
+        EdgeConfig(chroma=False),
+        EdgeConfig(rays=31, blur_sigma_px=1.3, chroma_sigma_px=0.8),
+        EdgeConfig(noise=0.03, balance=0.1, least_contrast=9),
+    ],
+    ids=["flat", "brightness", "soft", "noisy"],
+)
+@pytest.mark.parametrize("frame_of", [bgr_frame, yuv_frame])
+def test_the_compiled_edges_equal_the_reference_with_other_settings(config, frame_of):
+    for r in (9, 24):
+        ball = ball_at(157.3, 119.1, r, rgb=GREEN)
+        assert_equal(both(frame_of(picture(ball, noise_seed=r)), ball, (3, -2), False, config=config))
+
+
+@pytest.mark.parametrize(("x", "y"), [(3.2, 117.7), (318.0, 121.4), (160.2, 4.9), (158.8, 236.3), (2.9, 3.8)])
+@pytest.mark.parametrize("frame_of", [bgr_frame, yuv_frame])
+def test_the_compiled_edges_equal_the_reference_at_the_pictures_border(x, y, frame_of):
+    ball = ball_at(x, y, 34)
+    assert_equal(both(frame_of(picture(ball)), ball, (0, 0), False))
+
+
+@pytest.mark.parametrize("frame_of", [bgr_frame, yuv_frame])
+def test_the_compiled_edges_equal_the_reference_where_colours_are_asked_for(frame_of):
+    ball = ball_at(157.3, 119.1, 18)
+    frame = frame_of(two_coloured(ball, ORANGE, BLUE))
+    found = both(frame, ball, (0, 0), False, limits=colours_of(ball))
+    assert_equal(found)
+    assert len(found[0][1]) < 32
+
+
+def test_fewer_places_deep_in_the_marker_move_no_edge_by_a_quarter_of_its_deviation():
+    """A large marker's rays are not sampled every half pixel all the way in (docs/method.md); a still one's edges
+    then move by less than 0.02 px."""
+    for r in (20, 30, 45, 70, 100):
+        for k, rgb in enumerate(COLOURS):
+            ball = ball_at(157.3, 119.1, r, rgb=rgb)
+            frame = bgr_frame(picture(ball, noise_seed=r, backdrop=k))
+            for coarse in (False, True):
+                (ours, mine), (other, its), alone = both(frame, ball, (0, 0), coarse, thinned=False)
+                off = np.abs(ours.offset_px[mine] - other.offset_px[its])
+                assert off.max() < 0.02
+                assert (off / ours.sd_px[mine]).max() < 0.25
+                assert alone == 0
+
+
+# -- through a seed --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("frame_of", [bgr_frame, yuv_frame])
@@ -74,24 +176,26 @@ def test_shifting_the_picture_by_whole_pixels_shifts_every_edge_point_by_just_th
     circle = truth(ball)
     outline = outline_px(np.array(ball.xyz), RADIUS_M, CAMERA) + np.array([0.5, 0.3])
     config, move = EdgeConfig(), np.array([dx, dy])
-    window = Window.around(circle, 40)
-    there = Window(window.x + dx, window.y + dy, window.width, window.height)
-    a = find_edges(Patch(still, window), outline, circle.r_px, 2.0, (0.0, 0.0), None, config)
-    b = find_edges(Patch(moved, there), outline + move, circle.r_px, 2.0, (0.0, 0.0), None, config)
+    a = find_edges(still, outline, circle.r_px, 2.0, STILL, None, config)
+    b = find_edges(moved, outline + move, circle.r_px, 2.0, STILL, None, config)
     np.testing.assert_allclose(b.points_px, a.points_px + move, atol=1e-6)
     np.testing.assert_allclose(b.sd_px, a.sd_px, atol=1e-9)
     np.testing.assert_array_equal(b.ray, a.ray)
 
 
-def test_the_patch_cut_out_does_not_move_the_edges():
+def test_what_lies_further_out_than_the_rays_does_not_move_the_edges():
     ball = ball_at(160.3, 119.8, 15)
-    frame, circle = bgr_frame(picture(ball, noise=0)), truth(ball)
+    image, circle = picture(ball, noise=0), truth(ball)
+    elsewhere = np.random.default_rng(0).integers(0, 256, image.shape).astype(np.uint8)
+    rows, columns = np.indices(image.shape[:2])
+    near = np.hypot(columns - circle.x_px, rows - circle.y_px) < circle.r_px + 2.0 + 5.0
     outline = outline_px(np.array(ball.xyz), RADIUS_M, CAMERA)
-    found = [
-        find_edges(Patch(frame, window), outline, circle.r_px, 2.0, (0.0, 0.0), None, EdgeConfig()).points_px
-        for window in (Window(100, 60, 121, 121), Window(108, 71, 110, 100))
-    ]
-    np.testing.assert_allclose(found[0], found[1], atol=1e-4)
+    a, b = (
+        find_edges(bgr_frame(seen), outline, circle.r_px, 2.0, STILL, None, EdgeConfig())
+        for seen in (image, np.where(near[..., None], image, elsewhere))
+    )
+    np.testing.assert_array_equal(a.points_px, b.points_px)
+    np.testing.assert_array_equal(a.sd_px, b.sd_px)
 
 
 @pytest.mark.parametrize("rgb", COLOURS)
@@ -133,8 +237,7 @@ def test_the_edges_of_a_part_hidden_sphere_still_give_its_full_circle(r, share):
         true = truth(ball)
         frame = bgr_frame(picture(ball, covers=(hidden_from(side, share, true),), noise_seed=seed))
         outline = outline_px(np.array(ball.xyz), RADIUS_M, CAMERA) + np.array([0.3, -0.15])
-        patch = Patch(frame, Window.around(true, 3 * r))
-        edges = find_edges(patch, outline, r, 1.5, (0.0, 0.0), None, EdgeConfig())
+        edges = find_edges(frame, outline, r, 1.5, STILL, None, EdgeConfig())
         sd_rad = edges.sd_px / CAMERA.fx_px
         fit = fit_sphere(CAMERA.rays(edges.points_px), sd_rad, RADIUS_M, np.array(ball.xyz) * 1.01, loose=15)
         found = circle_of_sphere(fit.xyz_cam_m, RADIUS_M, CAMERA)
@@ -194,8 +297,7 @@ def test_an_edge_out_of_reach_is_not_taken_for_one_within():
     edges = edges_of(bgr_frame(picture(ball)), ball, off=(0, 0))
     assert np.abs(edges.offset_px).max() <= 2.5 + 0.5
     small = outline_px(np.array(ball.xyz) * 1.6, RADIUS_M, CAMERA)  # a circle 60 % further in
-    patch = Patch(bgr_frame(picture(ball)), Window.around(circle, 50))
-    inner = find_edges(patch, small, circle.r_px / 1.6, 1.5, (0.0, 0.0), None, EdgeConfig())
+    inner = find_edges(bgr_frame(picture(ball)), small, circle.r_px / 1.6, 1.5, STILL, None, EdgeConfig())
     if inner is not None:
         fit = fit_sphere(CAMERA.rays(inner.points_px), inner.sd_px / CAMERA.fx_px, RADIUS_M, np.array(ball.xyz) * 1.6)
         found = None if fit is None else circle_of_sphere(fit.xyz_cam_m, RADIUS_M, CAMERA)
@@ -203,14 +305,28 @@ def test_an_edge_out_of_reach_is_not_taken_for_one_within():
         assert len(inner.points_px) < 72
 
 
-def test_the_colour_mask_leaves_foreign_edges_out():
+def two_coloured(ball, left, right):
+    """The picture of a ball that has another colour to the right of its centre."""
+    halves = [picture(ball_at(*astuple(truth(ball)), rgb=rgb), noise_seed=3) for rgb in (left, right)]
+    return np.where(np.arange(halves[0].shape[1])[None, :, None] < truth(ball).x_px, *halves)
+
+
+def colours_of(ball):
+    """The limits of an orange marker's colours."""
+    circle = truth(ball)
+    patch = Patch(bgr_frame(picture(ball_at(*astuple(circle)))), Window.around(circle, 2 * circle.r_px))
+    config = ColourConfig()
+    return learn_box(disc_pixels(patch, circle, config.sample), config).limits()
+
+
+@pytest.mark.parametrize("frame_of", [bgr_frame, yuv_frame])
+def test_edges_of_another_colour_than_the_markers_are_left_out(frame_of):
     ball = ball_at(160.3, 119.8, 15)
-    frame, circle = bgr_frame(picture(ball)), truth(ball)
-    patch = Patch(frame, Window.around(circle, 40))
+    frame, circle = frame_of(two_coloured(ball, ORANGE, BLUE)), truth(ball)
     outline = outline_px(np.array(ball.xyz), RADIUS_M, CAMERA)
-    mask = np.full(patch.bgr.shape[:2], 255, np.uint8)
-    mask[:, patch.bgr.shape[1] // 2 :] = 0
-    edges = find_edges(patch, outline, circle.r_px, 2.0, (0.0, 0.0), mask, EdgeConfig())
+    free = find_edges(frame, outline, circle.r_px, 2.0, STILL, None, EdgeConfig())
+    edges = find_edges(frame, outline, circle.r_px, 2.0, STILL, colours_of(ball), EdgeConfig())
+    assert (free.points_px[:, 0] > circle.x_px + 2).sum() > 15
     assert (edges.points_px[:, 0] < circle.x_px + 2).all()
     assert len(edges.points_px) > 20
 

@@ -1,11 +1,15 @@
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from scenes import ball_at, bgr_frame, picture, truth
+from reference import hough as reference
+from scenes import BLUE, ORANGE, ball_at, bgr_frame, picture, truth
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import BgrFrame, Patch, Window
-from spheremcap.detection.hough import HoughConfig, hough_circles
+from spheremcap.core.sampling import cut_bgr
+from spheremcap.detection.hough import HoughConfig, hough_circles, vote_circles
 
 SUB = 16
 
@@ -64,3 +68,79 @@ def test_radii_stay_in_the_window_around_the_last_one(r):
 
 def test_a_flat_picture_has_no_circle():
     assert hough_circles(whole(np.full((60, 60, 3), 90, np.uint8)), Circle(30, 30, 12), HoughConfig()) == ()
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    seed=st.integers(0, 10**6),
+    blur=st.floats(0.8, 3),
+    r=st.floats(4, 14),
+    dp=st.floats(1, 5),
+    threshold=st.floats(10, 200),
+    least_votes=st.floats(0, 8),
+    apart=st.just(0.0) | st.floats(0.01, 9),
+    corner=st.tuples(st.integers(0, 9), st.integers(0, 9)),
+)
+def test_the_compiled_votes_equal_the_reference(seed, blur, r, dp, threshold, least_votes, apart, corner):
+    """Same circles to 1e-6 px; the order within equal votes is nobody's."""
+    noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal((60, 52, 3)), (0, 0), blur)
+    bgr = cv2.normalize(noise, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+    x0, y0 = corner
+    how = (0.75 * r, 1.25 * r, dp, apart, threshold, least_votes)
+    ours = vote_circles(bgr, x0, y0, 50, 60, *how, 500)
+    theirs = reference.vote_circles(bgr[y0:60, x0:50], *how, 500) + np.array([x0, y0, 0])
+    if apart > 0:  # which of two close ones goes depends on the order within equal votes
+        few = vote_circles(bgr, x0, y0, 50, 60, *how, 1)
+        assert len(few) == min(1, len(theirs))
+        away = np.hypot(*(ours[:, None, :2] - ours[None, :, :2]).T) + 1e9 * np.eye(len(ours))
+        assert (away >= apart * (1 - 1e-12)).all()
+        ours = vote_circles(bgr, x0, y0, 50, 60, *how[:3], 0.0, *how[4:], 500)
+        theirs = reference.vote_circles(bgr[y0:60, x0:50], *how[:3], 0.0, *how[4:], 500) + np.array([x0, y0, 0])
+    assert ours.shape == theirs.shape
+    order = [np.lexsort(np.round(rows, 6).T) for rows in (ours, theirs)]
+    np.testing.assert_allclose(ours[order[0]], theirs[order[1]], atol=1e-6)
+
+
+def test_circles_come_with_the_most_votes_first_and_no_more_than_asked_for():
+    """A ball fully in view before one that is half covered."""
+    image = np.maximum(perfect_disc(30, 45, 12), perfect_disc(64, 45, 12))
+    image[45:, 50:] = 20
+    whole_one, half_one = Circle(30, 45, 12), Circle(64, 45, 12)
+    found = vote_circles(image, 0, 0, 90, 90, 9.0, 15.0, 2.4, 12.0, 77.0, 0.6, 5)
+    assert Circle(*found[0]).dice(whole_one) > 0.9
+    assert max(Circle(*row).dice(half_one) for row in found) > 0.8
+    assert len(vote_circles(image, 0, 0, 90, 90, 9.0, 15.0, 2.4, 12.0, 77.0, 0.6, 1)) == 1
+
+
+@pytest.mark.parametrize("rgb", [ORANGE, BLUE])
+@pytest.mark.parametrize("r", [7, 12, 20, 34])
+def test_a_marker_is_found_at_its_own_scale_whatever_its_size(r, rgb):
+    """In a patch where its radius is 12.8 px, a quarter of a radius off and 5 % off in size."""
+    errors = []
+    for k in range(6):
+        ball = ball_at(160 + 0.37 * k, 120 - 0.21 * k, r, rgb=rgb)
+        true, frame = truth(ball), bgr_frame(picture(ball, noise_seed=k))
+        expected = Circle(true.x_px + 0.2 * r, true.y_px - 0.15 * r, true.r_px * (0.95 + 0.02 * k))
+        step = expected.r_px / 12.8
+        x0, y0 = expected.x_px - 32 * step, expected.y_px - 32 * step
+        patch = Patch.scaled(frame, cut_bgr(*frame.planes, x0, y0, step, 64, 64), x0, y0, step)
+        errors.append(error(hough_circles(patch, expected, HoughConfig()), true))
+    assert np.mean(errors) < 0.12
+
+
+def test_the_gradient_threshold_is_in_the_pictures_pixels():
+    """The same edges are found or not whether the patch is finer than the picture or not."""
+    disc = cv2.GaussianBlur(perfect_disc(45, 45, 20), (0, 0), 1.0)
+    steepest = sum(np.abs(cv2.Sobel(disc[:, :, 0], cv2.CV_32F, *axis)) for axis in ((1, 0), (0, 1))).max()
+    frame = BgrFrame(0, 0, disc)
+    for step in (1.0, 0.5):
+        side = int(90 / step)
+        patch = Patch.scaled(frame, cut_bgr(*frame.planes, 0.0, 0.0, step, side, side), 0.0, 0.0, step)
+        assert hough_circles(patch, Circle(46, 44, 20), HoughConfig(param1=0.75 * steepest)), step
+        assert not hough_circles(patch, Circle(46, 44, 20), HoughConfig(param1=1.25 * steepest)), step
+
+
+def test_a_patch_that_holds_nothing_of_the_circle_has_none():
+    image = perfect_disc(45, 45, 12)
+    assert hough_circles(whole(image), Circle(-60, 45, 12), HoughConfig()) == ()
+    assert hough_circles(whole(image), Circle(45, 300, 12), HoughConfig()) == ()

@@ -1,6 +1,10 @@
 """Running methods over a session: who is seeded when, and what counts."""
 
+import math
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -12,8 +16,10 @@ from spheremcap.core.frame import BgrFrame, Frame
 from spheremcap.core.marker import Seed
 from spheremcap.errors import SourceError
 from spheremcap.evaluation.blob import BlobTracker
+from spheremcap.evaluation.lab import Lab
 from spheremcap.evaluation.metrics import TruthRow, compare
 from spheremcap.evaluation.protocol import (
+    Film,
     Run,
     Trial,
     load_clip,
@@ -128,3 +134,40 @@ def test_a_run_scores_requests_by_marker() -> None:
     made = trial([1.0] * 3)
     run = run_reseeded(made, {"m": Scripted("-VV")}, frames=frames(3))
     assert score_run(made, Run(run.estimates, {"m": 2})).overall.requests_per_min == pytest.approx(15000)
+
+
+class Reel(Trial):
+    """A trial that counts how often it is decoded."""
+
+    passes: ClassVar[int] = 0
+
+    def frames(self) -> Iterator[Frame]:
+        Reel.passes += 1
+        yield from frames(6)
+
+
+def test_a_film_is_decoded_once_and_every_pass_has_its_own_frames() -> None:
+    made = trial([1.0] * 6)
+    reel = Reel(made.name, made.video, made.settings, made.seeds, made.truth)
+    film = Film(reel)
+    assert [frame.index for frame in film] == list(range(6))
+    first, second = list(film), list(film)
+    assert [frame.index for frame in first] == [frame.index for frame in second] == list(range(6))
+    assert Reel.passes == 1
+    assert "planes" not in vars(second[0])
+    _ = first[0].planes
+    assert "planes" not in vars(next(iter(film)))
+    long = Film(reel, most=5)
+    assert [len(list(long)), len(list(long))] == [6, 6]
+    assert Reel.passes == 3
+    left_early = Film(reel)
+    assert [frame.index for frame in islice(left_early, 2)] == [0, 1]
+    assert len(list(left_early)) == 6
+
+
+def test_processes_answer_in_the_order_of_the_items() -> None:
+    assert list(Lab.each(math.sqrt, [16.0, 9.0, 4.0])) == [4.0, 3.0, 2.0]
+    assert list(Lab.each(math.sqrt, [16.0])) == [4.0]
+    assert list(Lab.each(math.sqrt, [])) == []
+    with pytest.raises(ValueError, match="domain"):
+        list(Lab.each(math.sqrt, [1.0, -1.0]))

@@ -49,6 +49,7 @@ def estimate(marker: str, index: int, status: Status) -> MarkerEstimate:
         vote_sum=sum(v.overlap for v in votes), verdict=Verdict.VERIFIED if measured else Verdict.DOUBTFUL,
         visible=0.9 if measured else None, xyz_cam_m=np.array([0.01 * index, 0.02, 1.5]),
         covariance_m2=np.diag([1e-6, 2e-6, 3e-5]), velocity_cam_mps=np.array([2.4, 0.0, -0.1]),
+        reasons=() if measured else ("colour", "no outline"),
     )  # fmt: skip
 
 
@@ -62,7 +63,9 @@ def result(index: int, statuses: list[Status] | None = None, view: bool = False)
         if e.xyz_cam_m is not None and e.covariance_m2 is not None and e.velocity_cam_mps is not None
     )
     asked = tuple(
-        OperatorRequest(e.marker, max(0, index - 1), stamp(max(0, index - 1)), index, stamp(index), "5 frames doubted")
+        OperatorRequest(
+            e.marker, max(0, index - 1), stamp(max(0, index - 1)), index, stamp(index), "5 frames doubted", ("gate",)
+        )
         for e in estimates
         if e.status is Status.LOST
     )

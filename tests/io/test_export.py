@@ -39,6 +39,7 @@ def test_csv_has_the_columns_every_digit_and_gaps(recorded, tmp_path):
         assert row["z_cam_m"] == ("" if e.xyz_cam_m is None else repr(float(e.xyz_cam_m[2])))
         assert row["vote_sum"] == ("" if e.vote_sum is None else repr(e.vote_sum))
         assert row["verdict"] == (e.verdict.value if e.verdict else "")
+        assert row["reasons"] == ";".join(e.reasons)
 
 
 def test_parquet_says_the_same_with_nulls(recorded, tmp_path):

@@ -77,6 +77,7 @@ def test_a_state_comes_back_as_it_went_in(status):
     row = state_row(messages.state(given_, smoothed, "camera_optical").SerializeToString(), stamp(3))
     assert (row.marker, row.frame_index, row.status) == ("left_wrist", 3, status.value)
     assert row.verdict == (given_.verdict.value if given_.verdict else "")
+    assert row.reasons == ";".join(given_.reasons)
     numbers = np.array(row.numbers)
     for name in ("xyz_cam_m", "covariance_m2", "velocity_cam_mps"):
         for prefix, source in (("", given_), ("smoothed_", smoothed)):
@@ -126,7 +127,7 @@ def test_the_optical_frame_looks_along_the_cameras_x_axis():
 
 
 def test_the_scene_has_spheres_of_true_size_and_pale_estimates():
-    trail = [[np.zeros(3)], [np.zeros(3), np.ones(3)]]
+    trail = [[messages.point(np.zeros(3))], [messages.point(np.full(3, k)) for k in (0.0, 1.0)]]
     solid = messages.scene_entity(estimate("left_wrist", 1, Status.VERIFIED), MARKERS[0], 0, trail, "camera_optical")
     pale = messages.scene_entity(estimate("left_wrist", 1, Status.ESTIMATED), MARKERS[0], 0, [], "camera_optical")
     assert solid.spheres[0].size.x == 0.04

@@ -1,5 +1,7 @@
 """Debug pictures: legible size, the same bytes each time, nothing breaks on odd views."""
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -30,6 +32,15 @@ def test_the_same_view_gives_the_same_bytes():
     assert overlays.stage_picture(stage_view(of), of) == overlays.stage_picture(stage_view(of), of)
 
 
+def test_what_spoke_against_a_claim_is_said():
+    of = estimate("left_wrist", 3, Status.ESTIMATED)
+    header = slice(0, 2 * overlays.LINE_PX + 6)
+    said = overlays.draw_stages(stage_view(of), of)
+    unsaid = overlays.draw_stages(stage_view(of), dataclasses.replace(of, reasons=()))
+    assert (said[header] != unsaid[header]).any()
+    assert (said[header.stop :] == unsaid[header.stop :]).all()
+
+
 def test_the_final_circle_is_drawn_where_it_is():
     of = estimate("left_wrist", 3, Status.VERIFIED)
     view = stage_view(of)
@@ -49,7 +60,9 @@ def test_the_best_response_is_bright_for_sqdiff_too():
     values = np.ones((30, 40), np.float32)
     values[10, 25] = 0.0
     response = ResponseMap("sqdiff", values, True, (25, 10), Circle(0, 0, 5))
-    image = overlays._response_map(response).astype(int)
+    image = np.zeros((overlays.MAP_PX, overlays.MAP_PX, 3), np.uint8)
+    overlays._draw_map(image, response)
+    image = image.astype(int)
     x, y = round(25.5 * 3 - 0.5), round(10.5 * 3 - 0.5) + 15
     assert tuple(image[y, x]) == (60, 60, 255)
     assert image[y + 20, x].sum() < image[y - 1 : y + 2, x - 1 : x + 2].sum(axis=2).max()

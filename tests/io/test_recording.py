@@ -56,6 +56,8 @@ def test_arrays_are_what_was_written(kind, request):
     assert track.stamp_ns.tolist() == [stamp(index) for index in range(COUNT)]
     assert track.frame.tolist() == list(range(COUNT))
     assert track.status.tolist() == [e.status.value for e in estimates]
+    assert track.reasons.tolist() == [";".join(e.reasons) for e in estimates]
+    assert "colour;no outline" in track.reasons
     assert track.measured.tolist() == [e.status.measured for e in estimates]
     for row, e in enumerate(estimates):
         for name in ("xyz_cam_m", "covariance_m2", "velocity_cam_mps"):

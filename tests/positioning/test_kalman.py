@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from reference import kalman as reference
 from spheremcap.core.time import NS_PER_S
 from spheremcap.positioning.kalman import KalmanConfig, Moment, Track3D, smooth, transition
 
@@ -152,7 +153,7 @@ def test_the_gate_lets_in_what_it_says_and_no_more():
     moment = track.predict(5 * PERIOD_NS)
     s = moment.covariance[:3, :3] + R
     draws = np.random.default_rng(2).multivariate_normal(moment.xyz_cam_m, s, 3000)
-    inside = np.mean([track.inside_gate(z, R) for z in draws])
+    inside = np.mean([track.surprise(z, R) <= 1 for z in draws])
     assert inside == pytest.approx(0.9, abs=0.02)
     distances = [track.distance2(z, R) for z in draws]
     assert np.mean(distances) == pytest.approx(3, abs=0.15)  # chi-squared, three degrees
@@ -163,16 +164,16 @@ def test_a_leap_is_outside_the_gate_until_time_has_passed():
     track.start(0, np.array([0, 0, 1.0]), R)
     leap = np.array([0.4, 0.0, 1.0])
     track.predict(PERIOD_NS)
-    assert not track.inside_gate(leap, R)
+    assert track.surprise(leap, R) > 1
     track.predict(60 * PERIOD_NS)
-    assert track.inside_gate(leap, R)
+    assert track.surprise(leap, R) <= 1
 
 
 def test_looking_at_the_gate_changes_nothing():
     track = Track3D(KalmanConfig())
     track.start(0, np.array([0, 0, 1.0]), R)
     before = track.predict(PERIOD_NS)
-    track.inside_gate(np.ones(3), R)
+    track.surprise(np.ones(3), R)
     np.testing.assert_array_equal(track.now.state, before.state)
     np.testing.assert_array_equal(track.now.covariance, before.covariance)
 
@@ -197,23 +198,77 @@ def test_errors_are_as_large_as_the_filter_says():
     assert 1.8 < np.mean(nees) < 4.5
 
 
-def test_a_stopped_filter_says_so():
+def test_a_filter_that_has_not_been_started_says_so():
     track = Track3D(KalmanConfig())
     assert not track.started
     with pytest.raises(RuntimeError, match="not been started"):
         track.predict(0)
     track.start(0, np.ones(3), R)
     assert track.started
-    track.stop()
-    assert not track.started
-    with pytest.raises(RuntimeError, match="not been started"):
-        track.predict(1)
+
+
+def test_the_velocity_is_known_from_the_second_measurement_on():
+    track = Track3D(KalmanConfig())
+    track.start(0, np.array([0, 0, 1.0]), R)
+    track.predict(PERIOD_NS)
+    assert not track.moving_known
+    track.update(np.array([0, 0, 1.0]), R)
+    assert track.moving_known
+    track.start(0, np.array([0, 0, 1.0]), R)
+    assert not track.moving_known
+
+
+def test_gate_and_update_share_one_inverse_and_it_is_that_of_their_own_covariances():
+    track = Track3D(KalmanConfig())
+    track.start(0, np.array([0, 0, 1.0]), R)
+    for k, measured in enumerate(([0.001, 0, 1.0], [0.4, 0.1, 1.2], [0.002, 0, 1.0]), 1):
+        own = R * k
+        prior = track.predict(k * PERIOD_NS)
+        innovation = np.array(measured) - prior.xyz_cam_m
+        expected = innovation @ np.linalg.solve(prior.covariance[:3, :3] + own, innovation)
+        assert track.distance2(np.array(measured), own) == pytest.approx(expected)
+        moment = track.update(np.array(measured), own)
+        wide = prior.covariance * moment.widened
+        gain = wide[:, :3] @ np.linalg.inv(wide[:3, :3] + own)
+        np.testing.assert_allclose(moment.state, prior.state + gain @ innovation, atol=1e-12)
+        np.testing.assert_allclose(moment.covariance, wide - gain @ wide[:3], atol=1e-9 * np.abs(wide).max())
 
 
 def test_without_the_filter_the_last_position_is_the_prediction():
     track = Track3D(KalmanConfig(enabled=False))
     track.start(0, np.array([0.1, 0.2, 1.0]), R, np.array([5.0, 5, 5]))
     np.testing.assert_array_equal(track.predict(10**9).xyz_cam_m, [0.1, 0.2, 1.0])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_compiled_smoother_equals_filterpys(seed):
+    """Also across steps whose prediction was widened, and uneven or repeated stamps."""
+    moments = run_with_leaps(seed, KalmanConfig())
+    assert max(m.widened for m in moments) > 1.5
+    for ours, theirs in zip(smooth(moments, 60.0), reference.smooth(moments, 60.0), strict=True):
+        np.testing.assert_allclose(ours.state, theirs.state, atol=1e-9)
+        np.testing.assert_allclose(ours.covariance, theirs.covariance, rtol=1e-6, atol=1e-12)
+
+
+def test_where_the_filter_is_off_the_smoother_lets_the_marker_stand_still_too():
+    moments = run_with_leaps(0, KalmanConfig(enabled=False))
+    still, moving = smooth(moments, 60.0, moving=False), smooth(moments, 60.0)
+    assert not np.allclose(still[5].state, moving[5].state)
+    f = transition(0.004, 60.0, False)[0]
+    np.testing.assert_array_equal(f, np.eye(6))
+
+
+def run_with_leaps(seed, config):
+    rng = np.random.default_rng(seed)
+    track = Track3D(config)
+    track.start(0, np.array([0, 0, 1.0]), R)
+    moments, stamp = [track.now], 0
+    for k in range(1, 40):
+        stamp += int(rng.integers(1, 4)) * PERIOD_NS * (k != 20)
+        track.predict(stamp)
+        place = np.array([0.02 * k, 0, 1.0]) + rng.normal(0, SD_M, 3) + (0.3 if k in (13, 27) else 0)
+        moments.append(track.update(place, R) if k % 5 else track.now)
+    return moments
 
 
 # -- the smoother ----------------------------------------------------------------------------------

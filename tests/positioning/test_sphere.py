@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from reference import sphere as reference
+from reference.sphere import fit_cone
 from scenes import Ball, truth
 from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
 from spheremcap.positioning.sphere import (
     circle_of_sphere,
-    fit_cone,
     fit_sphere,
     outline_px,
     outline_rays,
@@ -328,3 +329,35 @@ def test_too_few_points_or_a_wild_start_give_no_fit_and_no_error():
     same = np.repeat(rays[:1], 30, axis=0)
     fit = fit_sphere(same, np.full(30, 1e-4), R, xyz)
     assert fit is None or not np.isfinite(fit.covariance_m2).all() or np.trace(fit.covariance_m2) > 1e-3
+
+
+# -- the compiled loops against their readable forms -------------------------------------------------
+
+
+@given(places, radii)
+def test_compiled_outlines_and_circles_equal_the_reference(xyz, radius):
+    for camera in (PLAIN, GOPRO, FISHEYE):
+        np.testing.assert_allclose(outline_rays(xyz, radius, 48), reference.outline_rays(xyz, radius, 48), atol=1e-14)
+        ours, theirs = circle_of_sphere(xyz, radius, camera), reference.circle_of_sphere(xyz, radius, camera)
+        assert ours.distance(theirs) < 1e-8
+        assert ours.r_px == pytest.approx(theirs.r_px, abs=1e-8)
+        back = sphere_of_circle(theirs, radius, camera)
+        np.testing.assert_allclose(back, reference.sphere_of_circle(theirs, radius, camera), rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("hold", [None, 0.01, 0.1])
+@pytest.mark.parametrize("near", [False, True])
+@pytest.mark.parametrize("kind", ["none", "chord", "inside", "scattered"])
+def test_the_compiled_fit_equals_the_reference(hold, near, kind):
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        xyz, sd = np.array([0.25, -0.12, 1.0]), 0.1 / 1150
+        rays = noisy(outline_rays(xyz, R, 72), sd, rng) if kind == "none" else occluded(kind, rng, xyz, sd)[0]
+        sds = rng.uniform(0.5, 3, 72) * sd
+        how = {"loose": 15.0, "hold": hold, "near": near}
+        start = xyz * 1.015 + (0.0005, -0.0003, 0)
+        ours, theirs = fit_sphere(rays, sds, R, start, **how), reference.fit_sphere(rays, sds, R, start, **how)
+        np.testing.assert_allclose(ours.xyz_cam_m, theirs.xyz_cam_m, atol=1e-10)
+        np.testing.assert_allclose(ours.covariance_m2, theirs.covariance_m2, rtol=1e-6, atol=1e-16)
+        np.testing.assert_allclose(ours.weights, theirs.weights, atol=1e-7)
+        np.testing.assert_allclose(ours.outside_rad, theirs.outside_rad, atol=1e-12)

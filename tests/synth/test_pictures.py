@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from itertools import islice
 
 import numpy as np
 import pytest
 
 from spheremcap.core.camera import Camera
-from spheremcap.synth.parts import Backdrop, Ball, Card, Sensor, World
+from spheremcap.synth.backdrop import _limb
+from spheremcap.synth.parts import Athlete, Backdrop, Ball, Card, Sensor, World
 from spheremcap.synth.scene import Scene
 
 CAMERA = Camera(240, 180, 400.0, 400.0, 119.5, 89.5, "plumb_bob", (-0.31, 0.17, 0.0, 0.0))
@@ -122,3 +124,52 @@ def test_noise_has_the_stated_strength():
     sd = np.sqrt(light / 4000 + (8 / 4000) ** 2) * 255 * 1.055 / 2.4 * light ** (1 / 2.4 - 1)
     assert patch.mean() == pytest.approx(128, abs=0.5)
     assert patch.std() == pytest.approx(sd, rel=0.1)
+
+
+def test_frames_are_the_same_whatever_the_number_of_threads():
+    made = world(moving(0.0, 0.02, 1.0, 6.0), sensor=Sensor(), ticks=tuple(1001 * k for k in range(9))).world
+    alone = [(made_picture, repr(truth)) for made_picture, _, truth in Scene(made).frames(workers=1)]
+    assert len(alone) == 9
+    for workers in (2, 5, None):
+        for (one, truth), (picture, _, other) in zip(alone, Scene(made).frames(workers=workers), strict=True):
+            assert (one == picture).all()
+            assert truth == repr(other)
+    assert all((Scene(made).picture(k) == one).all() for k, (one, _) in enumerate(alone))
+    left_early = Scene(made).frames(workers=3)
+    assert [stamp for _, stamp, _ in islice(left_early, 2)] == [0, 4170833]
+    left_early.close()
+
+
+FOLDING = replace(CAMERA, distortion=(-0.31, 0.0, 0.0, 0.0))
+"""Its polynomial folds back 46 degrees off axis: there a point far out would lie in the picture again."""
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_the_lens_model_does_not_reach_is_not_drawn():
+    scene = world(still(1.8, 0.0, 1.0), camera=FOLDING)
+    assert np.isnan(FOLDING.project(np.array([[1.8, 0.0, 1.0]]))).all()
+    truth = scene.truth(0)[0]
+    assert (truth.circle, truth.ellipse, truth.centre_px) == (None, None, None)
+    assert (truth.visible, truth.in_picture) == (0.0, False)
+    assert truth.xyz_cam_m == pytest.approx((1.8, 0.0, 1.0))
+    empty = Scene(replace(scene.world, balls=()))
+    assert (scene.light(0) == empty.light(0)).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_card_that_goes_along_with_a_marker_beyond_the_lens_is_not_drawn():
+    lost = Card(lambda t: np.tile([np.nan, 89.5, 0.0], (len(t), 1)), (50.0, 80.0), 0.5)
+    scene = world(still(0.0, 0.0, 1.0), cards=(lost,))
+    assert scene.truth(0)[0].visible == 1.0
+    assert (scene.light(0) == world(still(0.0, 0.0, 1.0)).light(0)).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_body_beyond_the_lens_is_not_drawn():
+    made = world(still(0.0, 0.0, 1.0), camera=replace(FOLDING, fx_px=1600.0, fy_px=1600.0)).world
+    with_body, without = Scene(replace(made, athlete=Athlete())), Scene(made)
+    assert np.isfinite(with_body.light(0)).all()
+    assert (with_body.light(0) == without.light(0)).all()
+    picture = np.zeros((180, 240, 3), np.uint8)
+    _limb(picture, np.array([119.5, 89.5]), np.array([np.nan, np.nan]), 20.0, 10.0, (9.0, 9.0, 9.0))
+    assert not picture.any()

@@ -1,6 +1,9 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from reference.hog import hog as reference_hog
 from spheremcap.tracking.hog import FEATURES, hog
 
 CELL = 4
@@ -67,6 +70,16 @@ def test_a_cell_has_31_features():
 def test_features_are_those_of_the_paper_pixel_by_pixel():
     image = untied_picture(16, 20)
     np.testing.assert_allclose(hog(image, CELL), felzenszwalb(image, CELL), atol=2e-3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(1, 9), st.integers(2, 8), st.sampled_from([2, 40, 256])
+)
+def test_the_kernel_equals_the_reference(seed, rows, columns, cell, levels):
+    """To float32's rounding; few grey levels make many flat places, equal channels and gradients on a bin's edge."""
+    image = np.random.default_rng(seed).integers(0, levels, (rows * cell, columns * cell, 3)).astype(np.uint8)
+    np.testing.assert_allclose(hog(image, cell), reference_hog(image, cell), atol=2e-6)
 
 
 @pytest.mark.parametrize(("contrast", "brightness"), [(0.5, 0), (1.0, 30), (0.7, 60)])

@@ -3,20 +3,20 @@
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from patches import at_scale, pixels, whole
 
+from reference import kcf as reference
 from scenes import ball_at, bgr_frame, picture, truth
 from spheremcap.core.circle import Circle
-from spheremcap.core.frame import BgrFrame, Patch, Window
+from spheremcap.core.frame import BgrFrame
 from spheremcap.tracking.hog import hog
 from spheremcap.tracking.kcf import Kcf, KcfConfig
 
 KERNELS = ("gaussian", "linear")
 START = (150.0, 120.0)
 R = 16.0
-
-
-def whole(frame):
-    return Patch(frame, Window(0, 0, frame.width_px, frame.height_px))
 
 
 def cell_px(kcf, r_px):
@@ -117,6 +117,31 @@ def test_the_model_takes_in_new_looks_at_the_learning_rate():
     assert answers[2] == pytest.approx(1, abs=0.05)
 
 
+@pytest.mark.parametrize("r_px", [9.0, 16.0, 33.0])
+@pytest.mark.parametrize(("dx", "dy"), [(0.35, -0.2), (-0.5, 0.6)])
+def test_a_patch_at_the_markers_scale_gives_the_shift_in_picture_pixels(r_px, dx, dy):
+    kcf = Kcf(KcfConfig())
+    ball, moved = ball_at(*START, r_px), ball_at(START[0] + dx * r_px, START[1] + dy * r_px, r_px)
+    kcf.train(at_scale(bgr_frame(picture(ball)), truth(ball)), truth(ball))
+    found = kcf.locate(at_scale(bgr_frame(picture(moved, noise_seed=1)), truth(ball)), truth(ball), 1).circle
+    assert found.distance(truth(moved)) < 0.3 * cell_px(kcf, r_px)
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(-2.4, 0.3), (2.2, -2.3), (0.4, 2.6), (-1.2, 1.1)])
+def test_rings_of_windows_find_it_on_a_larger_patch_at_the_markers_scale(dx, dy):
+    kcf = Kcf(KcfConfig())
+    start, moved = ball_at(*START, 12), ball_at(START[0] + dx * 12, START[1] + dy * 12, 12)
+    kcf.train(at_scale(bgr_frame(picture(start)), truth(start)), truth(start))
+    patch = at_scale(bgr_frame(picture(moved, noise_seed=1)), truth(start), 128)
+    assert kcf.locate(patch, truth(start), 3 * 12).circle.distance(truth(moved)) < 0.5 * cell_px(kcf, 12)
+
+
+@pytest.mark.parametrize("cells", [9, 15, 31])
+def test_an_odd_number_of_cells_is_refused(cells):
+    with pytest.raises(ValueError, match=f"grid_cells is {cells}, expected an even number"):
+        KcfConfig(grid_cells=cells)
+
+
 def test_an_untrained_filter_says_so():
     kcf = Kcf(KcfConfig())
     assert not kcf.trained
@@ -125,6 +150,60 @@ def test_an_untrained_filter_says_so():
         kcf.locate(patch, circle, 5)
     kcf.train(patch, circle)
     assert kcf.trained
+
+
+# -- the kernels and the reference -------------------------------------------------------------------
+
+
+@st.composite
+def settings_of_a_filter(draw):
+    return KcfConfig(
+        kernel=draw(st.sampled_from(KERNELS)),
+        grid_cells=draw(st.sampled_from([8, 10, 14, 16, 22, 32])),
+        cell_px=draw(st.integers(2, 5)),
+        padding=draw(st.floats(0.5, 3)),
+        regularisation=draw(st.sampled_from([1e-3, 1e-1])),
+        learning_rate=draw(st.sampled_from([0.02, 0.4])),
+    )
+
+
+def check_equal(config, looks, patch, expected):
+    """Peak to 1e-4 of the largest possible; the place to a fiftieth of a cell, unless the peak is flat."""
+    ours, theirs = Kcf(config), reference.Kcf(config)
+    for look in looks:
+        ours.train(*look)
+        theirs.train(*look)
+    answer, (dx, dy, peak) = ours.locate(patch, expected, 0), theirs.locate(patch, expected)
+    assert answer.peak == pytest.approx(peak, rel=1e-4, abs=1e-4)
+    if peak > 0.2:
+        assert answer.circle.x_px - expected.x_px == pytest.approx(dx, abs=0.02 * cell_px(ours, expected.r_px))
+        assert answer.circle.y_px - expected.y_px == pytest.approx(dy, abs=0.02 * cell_px(ours, expected.r_px))
+
+
+@settings(max_examples=40, deadline=None)
+@given(settings_of_a_filter(), st.integers(0, 1000), st.floats(0.3, 0.9), st.floats(-12, 12), st.floats(-12, 12))
+def test_training_and_looking_between_pixels_equal_the_reference(config, seed, share, dx, dy):
+    """Also over the picture's edge: the grid reaches out of it on most draws."""
+    rng = np.random.default_rng(seed)
+    image = cv2.GaussianBlur(rng.integers(0, 256, (90, 110, 3)).astype(np.float64), (0, 0), 1.5)
+    image = np.clip(4 * (image - 128) + 128, 0, 255).astype(np.uint8)
+    circle = Circle(41.37, 52.71, 13.3 * share)
+    other = Circle(44.13, 49.77, 14.1 * share)
+    moved = np.roll(image, (4, -3), axis=(0, 1))
+    looks = [(pixels(image), circle), (pixels(moved), other)]
+    check_equal(config, looks, pixels(moved), circle.shifted(dx, dy))
+
+
+@settings(max_examples=40, deadline=None)
+@given(settings_of_a_filter(), st.integers(0, 1000), st.integers(-30, 30), st.integers(-30, 30))
+def test_training_and_looking_on_the_patchs_own_pixels_equal_the_reference(config, seed, column, row):
+    side = config.grid_cells * config.cell_px
+    image = np.random.default_rng(seed).integers(0, 256, (side + 7, side + 4, 3)).astype(np.uint8)
+    r_px = side / (2 * (1 + config.padding))
+    middle = Circle((side + 3) / 2, (side + 6) / 2, r_px)
+    at = Circle(column + (side - 1) / 2, row + (side - 1) / 2, r_px)
+    check_equal(config, [(pixels(image), at)], pixels(np.roll(image, (2, 5), axis=(0, 1))), at)
+    check_equal(config, [(pixels(image), at), (pixels(image[::-1].copy()), at)], pixels(image), middle)
 
 
 # -- the equations, with matrices that are really there --------------------------------------------

@@ -1,26 +1,25 @@
 import math
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from spheremcap.core.circle import Circle
-from spheremcap.core.view import ResponseMap
+from spheremcap.core.frame import BgrFrame, Patch, Window
 from spheremcap.core.vote import Verdict, Vote
-from spheremcap.verification.jury import JuryConfig, cast_votes, judge, vote_sum
-from spheremcap.verification.matching import MATCHERS
+from spheremcap.verification.jury import JuryConfig, cast_votes, judge, template_vote, vote_sum
+from spheremcap.verification.matching import MATCHERS, Matches, MatchingConfig, make_template
 
 CLAIM = Circle(50, 40, 10)
 
 
 def maps(circles):
-    out = []
-    for k, (name, circle) in enumerate(zip(MATCHERS, circles, strict=True)):
-        values = np.zeros((4, 5), np.float32)
-        values[2, 3] = k + 0.5
-        out.append(ResponseMap(name, values, name.startswith("SQDIFF"), (3, 2), circle))
-    return out
+    values = np.zeros((6, 4, 5), np.float32)
+    scores = tuple(k + 0.5 for k in range(6))
+    values[:, 2, 3] = scores
+    return Matches(MATCHERS, values, np.tile((3, 2), (6, 1)), scores, tuple(circles))
 
 
 @pytest.mark.parametrize(
@@ -43,6 +42,14 @@ def test_thresholds_are_the_configs():
     assert judge(2.5, JuryConfig(th1=2, th2=1)) is Verdict.VERIFIED
     assert judge(1.5, JuryConfig(th1=2, th2=1)) is Verdict.DOUBTFUL
     assert judge(0.9, JuryConfig(th1=2, th2=1)) is Verdict.REJECTED
+
+
+def test_thresholds_the_wrong_way_round_are_refused():
+    with pytest.raises(ValueError, match=r"th2 = 4\.5 is above th1 = 4: give th2 <= th1"):
+        JuryConfig(th2=4.5)
+    with pytest.raises(ValueError, match="th2"):
+        JuryConfig(th1=2.9)
+    assert judge(3.0, JuryConfig(th1=3, th2=3)) is Verdict.DOUBTFUL
 
 
 def test_six_matchers_that_agree_wholly_sum_to_six():
@@ -78,3 +85,16 @@ def test_nothing_claimed_gets_no_overlap_but_all_six_circles():
 def test_the_sum_stays_between_nought_and_six(overlaps):
     votes = [Vote(name, CLAIM, 0.0, v) for name, v in zip(MATCHERS, overlaps, strict=True)]
     assert 0 <= vote_sum(votes) <= 6
+
+
+def test_an_old_template_votes_at_the_brightness_the_marker_has_by_now():
+    rng = np.random.default_rng(3)
+    image = np.clip(cv2.GaussianBlur(rng.standard_normal((120, 120, 3)), (0, 0), 2) * 200 + 100, 0, 160)
+    whole = Window(0, 0, 120, 120)
+    config, circle = MatchingConfig(), Circle(60, 55, 14)
+    template = make_template(Patch(BgrFrame(0, 0, image.astype(np.uint8)), whole), circle, config)
+    bright = Patch(BgrFrame(0, 0, (1.5 * image).astype(np.uint8)), whole)
+    there = template_vote(template, 1.5, bright, circle, config)
+    assert there > 0.98
+    assert template_vote(template, 1.0, bright, circle, config) < there
+    assert template_vote(template, 1.5, bright, circle.shifted(8, 8), config) < 0.7

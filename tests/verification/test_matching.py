@@ -6,9 +6,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from reference import matching as reference
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import BgrFrame, Patch, Window
-from spheremcap.verification.matching import MATCHERS, MatchingConfig, make_template, match, six_maps
+from spheremcap.core.sampling import cut_bgr
+from spheremcap.verification import matching
+from spheremcap.verification.matching import MATCHERS, MATCHERS_SAD, MatchingConfig, cut_disc, make_template, match
+
+
+def six_maps(template, search, difference="SQDIFF", rows=None):
+    """The compiled maps by name; a square template unless the columns that count are given."""
+    n = len(template)
+    rows = np.tile((0, n), (n, 1)) if rows is None else rows
+    values = matching.six_maps(template, rows, search, difference == "SAD")
+    return dict(zip(MATCHERS_SAD if difference == "SAD" else MATCHERS, values, strict=True))
 
 
 def random_picture(seed, size):
@@ -36,20 +47,78 @@ def test_every_map_is_opencvs(seed, n, more):
         np.testing.assert_allclose(values, expected, rtol=2e-4, atol=max(2e-5 * scale, 1e-4))
 
 
-@settings(deadline=None, max_examples=15)
-@given(seed=st.integers(0, 10**6), n=st.integers(5, 21), more=st.integers(2, 25))
-def test_under_a_disc_nothing_outside_it_counts(seed, n, more):
+def some_rows(seed, n):
+    """Which columns count, any from none to all in every row."""
+    rows = np.sort(np.random.default_rng(seed).integers(0, n + 1, (n, 2)), axis=1)
+    rows[n // 2] = 0, n
+    return rows
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    seed=st.integers(0, 10**6),
+    n=st.integers(3, 27),
+    more=st.integers(2, 25),
+    zero_mean=st.booleans(),
+    difference=st.sampled_from(["SQDIFF", "SAD"]),
+)
+def test_every_map_equals_the_reference_and_nothing_outside_the_rows_counts(seed, n, more, zero_mean, difference):
+    """To 2e-4 of a value, and 2e-5 of the map's greatest: sums of up to 2000 squares in single precision."""
     template, search = random_picture(seed, n), random_picture(seed + 1, n + more)
-    off = np.arange(n) - (n - 1) / 2
-    disc = (off * off + (off * off)[:, None] <= (n / 2) ** 2).astype(np.float32)
+    if zero_mean:
+        template, search = template - 128, search - 128
+    rows = some_rows(seed, n)
+    disc = reference.disc_of(rows)
+    expected = reference.six_maps(template, search, difference, disc)
+    ours = six_maps(template, search, difference, rows)
+    assert list(ours) == list(expected)
     other = np.where(disc[:, :, None] > 0, template, random_picture(seed + 2, n))
-    mask = np.repeat(disc[:, :, None], 3, axis=2)
-    again = six_maps(other, search, disc=disc)
-    for name, values in six_maps(template, search, disc=disc).items():
+    again = six_maps(other, search, difference, rows)
+    for name, values in ours.items():
+        scale = np.abs(expected[name]).max()
+        # The normalised coefficient of a few pixels divides by a variance that is nearly nothing.
+        tolerance = 2e-3 if name == "CCOEFF_NORMED" else max(2e-5 * scale, 1e-4)
+        np.testing.assert_allclose(values, expected[name], rtol=2e-4, atol=tolerance, err_msg=name)
         np.testing.assert_array_equal(values, again[name])
-        expected = cv2.matchTemplate(search, template, getattr(cv2, f"TM_{name}"), mask=mask)
-        scale = np.abs(expected).max()
-        np.testing.assert_allclose(values, expected, rtol=2e-3, atol=max(2e-5 * scale, 1e-3), err_msg=name)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    seed=st.integers(0, 10**6),
+    x=st.floats(8, 32),
+    y=st.floats(8, 27),
+    step=st.floats(0.3, 4),
+    grid=st.booleans(),
+)
+def test_the_search_is_the_reference_at_any_place_and_scale(seed, x, y, step, grid):
+    """Bilinear or, on the patch's own grid, the pixels themselves; maps and peaks as the reference has them."""
+    bgr = np.random.default_rng(seed).integers(0, 256, (35, 40, 3)).astype(np.uint8)
+    if grid:
+        x, y, step = float(round(x)), float(round(y)), 1.0
+    pixels, rows = cut_disc(bgr, x, y, step, 4.3)
+    assert pixels.shape == (9, 9, 3)
+    np.testing.assert_allclose(pixels, reference.square(bgr, x - 4 * step, y - 4 * step, step, 9), atol=2e-3)
+    values, peaks, scores, offsets = matching.search_six(bgr, x + 1, y - 1, step, 3, pixels, rows, False)
+    assert values.shape == (6, 7, 7)
+    search = reference.square(bgr, x + 1 - 7 * step, y - 1 - 7 * step, step, 15)
+    mean = search.mean(axis=(0, 1))
+    expected = reference.six_maps(pixels - mean, search - mean, "SQDIFF", reference.disc_of(rows))
+    power = np.abs(expected["SQDIFF"]).max()
+    for k, (name, goal) in enumerate(expected.items()):
+        scale = 2e-3 if name.endswith("NORMED") else 2e-5 * power
+        np.testing.assert_allclose(values[k], goal, rtol=1e-3, atol=scale, err_msg=name)
+        column, row, dx, dy = reference.peak(-values[k] if name.startswith("SQDIFF") else values[k])
+        assert peaks[k].tolist() == [column, row], name
+        assert scores[k] == values[k][row, column]
+        np.testing.assert_allclose(offsets[k], ((column + dx - 3) * step, (row + dy - 3) * step), atol=1e-3)
+
+
+def test_the_template_is_a_disc_of_the_radius_asked_for():
+    for radius in (3.0, 4.3, 10.0, 12.8):
+        pixels, rows = cut_disc(texture(), 100.0, 80.0, 1.0, radius)
+        n = len(pixels)
+        off = np.arange(n) - (n - 1) // 2
+        np.testing.assert_array_equal(reference.disc_of(rows), off**2 + (off**2)[:, None] <= radius**2)
 
 
 def test_votes_do_not_depend_on_what_is_behind_the_marker():
@@ -120,6 +189,16 @@ def test_flat_pictures_give_finite_maps(level):
             assert np.isfinite(values).all(), name
 
 
+def test_a_window_of_one_colour_has_no_coefficient_rather_than_a_wild_one():
+    """Beyond the border of the patch all pixels are alike, and their variance is what rounding leaves of it."""
+    image = texture()
+    template = make_template(whole(image), Circle(100, 80, 12.8), MatchingConfig())
+    values = match(template, whole(image), Circle(-20.3, -25.1, 12.8), 12.8, MatchingConfig()).values
+    assert values[3, :5, :5].tolist() == np.zeros((5, 5)).tolist()
+    for k in (1, 3, 5):
+        assert np.abs(values[k]).max() <= 1 + 1e-5
+
+
 def test_brightness_changes_move_no_normalised_peak():
     search = random_picture(9, 30)
     template = search[5:14, 11:20] * np.float32(0.6)
@@ -183,6 +262,43 @@ def test_votes_have_the_size_expected_now():
         assert response.circle.distance(Circle(100, 80, 1)) < 0.35, response.matcher
 
 
+@pytest.mark.parametrize("r_px", [6.0, 12.8, 25.0])
+def test_a_patch_at_the_markers_own_scale_gives_the_same_votes(r_px):
+    """Template and search from patches in which the marker has 12.8 px, each with its own centre and step."""
+    blurred = cv2.GaussianBlur(np.random.default_rng(2).standard_normal((200, 240, 3)), (0, 0), max(1.0, r_px / 5))
+    image = np.clip(128 + 45 * blurred / blurred.std(), 0, 255).astype(np.uint8)
+    frame = BgrFrame(0, 0, image)
+    circle = Circle(111.3, 93.8, r_px)
+    seen = circle.shifted(0.21 * r_px, -0.13 * r_px)
+    patches = []
+    for middle in (circle, seen):
+        step = middle.r_px / 12.8
+        x0, y0 = middle.x_px - 32 * step, middle.y_px - 32 * step
+        patches.append(Patch.scaled(frame, cut_bgr(*frame.planes, x0, y0, step, 64, 64), x0, y0, step))
+    template = make_template(patches[0], circle, MatchingConfig())
+    for response in match(template, patches[1], seen, 0.5 * r_px, MatchingConfig()):
+        if response.matcher == "CCORR":
+            continue
+        assert response.circle.distance(circle) < 0.03 * r_px, response.matcher
+        assert response.circle.r_px == r_px
+
+
+def test_matches_are_six_maps_in_order():
+    image = texture()
+    for difference, names in (("SQDIFF", MATCHERS), ("SAD", MATCHERS_SAD)):
+        config = MatchingConfig(difference=difference)
+        template = make_template(whole(image), Circle(100, 80, 12.8), config)
+        found = match(template, whole(image), Circle(101, 80, 12.8), 6.4, config)
+        assert len(found) == len(tuple(found)) == 6
+        assert tuple(m.matcher for m in found) == names == found.matchers
+        assert tuple(m.circle for m in found) == found.circles
+        assert found.values.shape == (6, 13, 13)  # 6 template pixels each way
+        assert [m.best_is_low for m in found] == [False] * 4 + [True] * 2
+        for response, score in zip(found, found.scores, strict=True):
+            assert response.values[response.peak[1], response.peak[0]] == np.float32(score)
+        assert found.values[4][6, 5] < 1e-3  # it lies one pixel to the left, and there nothing differs
+
+
 def test_coordinates_are_the_images_not_the_patches():
     frame = BgrFrame(0, 0, texture())
     circle = Circle(100, 80, 9)
@@ -190,7 +306,7 @@ def test_coordinates_are_the_images_not_the_patches():
     for window in (Window(0, 0, 200, 160), Window(70, 50, 61, 61)):
         patch = Patch(frame, window)
         template = make_template(patch, circle, MatchingConfig())
-        answers.append([m.circle for m in match(template, patch, circle.shifted(2, 1), 6.0, MatchingConfig())])
+        answers.append(match(template, patch, circle.shifted(2, 1), 6.0, MatchingConfig()).circles)
     for a, b in zip(*answers, strict=True):
         assert a.distance(b) < 1e-3
 

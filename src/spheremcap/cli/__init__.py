@@ -1,8 +1,10 @@
-"""The command line: one file a verb; each parses, calls the api and prints."""
+"""The command line: one file a verb; each parses, calls the api and prints.
+
+What a verb works with is imported inside its function, so that help and errors of usage are there at once.
+"""
 
 import sys
 
-import cv2
 import typer
 
 from spheremcap import __version__
@@ -50,7 +52,6 @@ app.add_typer(config.app, name="config")
 
 def main() -> None:
     """Run the command line; every error on purpose is one line on stderr and an exit code."""
-    cv2.setNumThreads(1)  # patches are small: threads only get in each other's way
     try:
         app()
     except UsageError as error:

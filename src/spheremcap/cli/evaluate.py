@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from spheremcap.cli.progress import loaded
+
 
 def evaluate(
     tracks: Annotated[Path, typer.Argument(help="A recording (.mcap), or an exported table (.csv, .parquet).")],
@@ -19,4 +21,5 @@ def evaluate(
     """Score a track against truth: accuracy, failures, false accepts, errors in pixels and millimetres."""
     from spheremcap.evaluation.tracks import evaluate, scores_table
 
+    loaded()
     print(scores_table(evaluate(tracks, truth, marker)))

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from spheremcap.cli.progress import loaded
 from spheremcap.errors import UsageError
 
 
@@ -30,6 +31,7 @@ def experiment(
     from spheremcap.evaluation.experiments import EXPERIMENTS, describe, run_experiment, run_report
     from spheremcap.evaluation.lab import Lab
 
+    loaded()
     if name == "list":
         for one in EXPERIMENTS:
             print(f"{one:14s} {describe(one)}")

@@ -6,8 +6,6 @@ from typing import Annotated
 
 import typer
 
-from spheremcap.io.export import export_tracks
-
 
 def export(
     recording: Annotated[Path, typer.Argument(help="An MCAP that `track` wrote.")],
@@ -15,6 +13,8 @@ def export(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
 ) -> None:
     """Write every marker's track as CSV or Parquet: a row per frame and marker, empty where there is no value."""
+    from spheremcap.io.export import export_tracks
+
     done = export_tracks(recording, output, overwrite)
     print(f"{done.rows} rows -> {output}")
     if done.damage is not None:

@@ -1,18 +1,23 @@
 """spheremcap info: what is inside an MCAP."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from spheremcap.core.time import format_time
-from spheremcap.io.recording import Summary, summarise
+
+if TYPE_CHECKING:
+    from spheremcap.io.recording import Summary
 
 
 def info(file: Annotated[Path, typer.Argument(help="Any MCAP; one of ours says the most.")]) -> None:
     """Say what is inside a recording: topics, and per marker its frames by status, longest gap and requests."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from spheremcap.io.recording import summarise
+
     summary = summarise(file)
     console = Console(highlight=False, soft_wrap=True)
     for line in _head(summary):
@@ -40,7 +45,7 @@ def info(file: Annotated[Path, typer.Argument(help="Any MCAP; one of ours says t
         raise typer.Exit(3)
 
 
-def _head(summary: Summary) -> list[str]:
+def _head(summary: "Summary") -> list[str]:
     lines = [f"{summary.path}: {summary.size_bytes / 1e6:.1f} MB, written by {summary.library or 'an unnamed library'}"]
     if summary.start_ns is not None and summary.end_ns is not None:
         lines.append(

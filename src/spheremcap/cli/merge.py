@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Annotated, TypeVar
 
 import typer
-from rich.console import Console
 
-from spheremcap.cli.progress import Interrupt, bar
+from spheremcap.cli.progress import Interrupt, bar, loaded
 from spheremcap.errors import UsageError
 
 T = TypeVar("T")
@@ -73,6 +72,7 @@ def merge(
     from spheremcap.merge.dataset import Source, merge
     from spheremcap.merge.sensors import load_mapping
 
+    loaded()
     given = [_input(text) for text in inputs]
     names = [name or path.stem for name, path in given]
     for name in names:
@@ -94,7 +94,7 @@ def merge(
                 mappings.get(own), rates.get(own), markers.get(own),
             )
         )  # fmt: skip
-    with Interrupt() as interrupted, bar(Console(stderr=True), "messages") as shown:
+    with Interrupt() as interrupted, bar("messages") as shown:
         task = shown.add_task("merging", total=None)
         dataset = merge(
             sources, output, overwrite=overwrite, stop=interrupted,

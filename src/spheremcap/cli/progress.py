@@ -1,15 +1,34 @@
-"""What long verbs share: a progress bar, on a terminal only, and Ctrl-C that lets them finish the file."""
+"""What long verbs share: how they start, a progress bar, and Ctrl-C that lets them finish the file."""
 
 import signal
+import sys
 from types import FrameType, TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 
-def bar(console: Console, unit: str = "frames") -> Progress:
-    """A bar that counts and says how long it will take; silent when the console is no terminal."""
+def loaded() -> None:
+    """To be called once a verb has imported what it works with: OpenCV in one thread, and the last line about
+    compiled loops said, if any had to be compiled.
+    """
+    if "cv2" in sys.modules:
+        import cv2
+
+        cv2.setNumThreads(1)  # patches are small: threads only get in each other's way
+    if "spheremcap.core.compiled" in sys.modules:
+        from spheremcap.core.compiled import notice
+
+        notice.done()
+
+
+def bar(unit: str = "frames") -> "Progress":
+    """A bar on stderr that counts and says how long it will take; silent when that is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
     return Progress(
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn(),
         console=console, transient=True, disable=not console.is_terminal,

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from spheremcap.cli.progress import loaded
+
 
 def sync(
     recording: Annotated[
@@ -26,6 +28,7 @@ def sync(
     from spheremcap.merge.dataset import sync_recording
     from spheremcap.merge.sync import SyncConfig
 
+    loaded()
     found = sync_recording(recording, marker, sensor, config=SyncConfig(max_offset_s=max_offset))
     print(f"{sensor}: {found.line()}")
     print(f"merge again with --sync NAME={marker}, or add to what was given: "

@@ -4,9 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from spheremcap.cli.progress import bar
+from spheremcap.cli.progress import bar, loaded
 from spheremcap.errors import OutputError, UsageError
 
 
@@ -18,8 +17,9 @@ def synth(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Write into a folder that has a session.")] = False,
 ) -> None:
     """Render a racing session with exact truth: session.mp4, truth.csv, settings.toml and seeds.toml."""
-    from spheremcap.synth import describe, names, render  # its pictures take a moment to load
+    from spheremcap.synth import describe, names, render
 
+    loaded()
     if scenario == "list":
         for name in names():
             typer.echo(f"{name:20s} {describe(name)}")
@@ -31,7 +31,7 @@ def synth(
     if (output / "session.mp4").exists() and not overwrite:
         raise UsageError(f"{output / 'session.mp4'} exists already: name another folder or pass --overwrite")
     try:
-        with bar(Console(stderr=True)) as progress:
+        with bar() as progress:
             task = progress.add_task("rendering", total=frames)
             session = render(
                 scenario, output, seed=seed, frames=frames,

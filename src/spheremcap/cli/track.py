@@ -3,16 +3,16 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
 
-from spheremcap.cli.progress import Interrupt, bar
-from spheremcap.config import Settings, load_seeds, load_settings, parse_seed
-from spheremcap.core.marker import Seed
+from spheremcap.cli.progress import Interrupt, bar, loaded
 from spheremcap.core.time import parse_time_ns
 from spheremcap.errors import UsageError
+
+if TYPE_CHECKING:
+    from spheremcap.core.marker import Seed
 
 _MCAP = "MCAP input"
 _NO_TIME = "is neither ISO 8601 such as 2025-06-01T10:00:00Z nor Unix seconds"
@@ -91,9 +91,11 @@ def track(
     Without a settings file the seeds name the markers and each is taken for 4 cm across. An MCAP goes into the
     output as it is, with our channels beside its pictures.
     """
-    from spheremcap import api  # brings FFmpeg and SciPy
+    from spheremcap import api
+    from spheremcap.config import Settings, load_seeds, load_settings
     from spheremcap.io.sources import FromMcap
 
+    loaded()
     chosen = load_settings(settings) if settings is not None else Settings()
     if camera is not None:
         key = "file" if camera.endswith((".yaml", ".yml")) else "preset"
@@ -111,7 +113,7 @@ def track(
             tuple(topic or ()), time or "header",
             _time_ns("--start", start), _time_ns("--end", end), copy or "all",
         )  # fmt: skip
-    with Interrupt() as interrupted, bar(Console(stderr=True)) as shown:
+    with Interrupt() as interrupted, bar() as shown:
         task = shown.add_task("tracking", total=None)
         report = api.track(
             source, output, chosen, given,
@@ -147,8 +149,10 @@ def _time_ns(flag: str, text: str | None) -> int | None:
         raise UsageError(f"{flag} {text!r} {_NO_TIME}") from None
 
 
-def _seed(text: str) -> Seed:
+def _seed(text: str) -> "Seed":
     """A seed whose marker may have its camera before it: `front/left_wrist@0=812,430,24`."""
+    from spheremcap.config import parse_seed
+
     camera, _, rest = text.strip().rpartition("/")
     seed = parse_seed(rest)
     return replace(seed, marker=f"{camera}/{seed.marker}") if camera else seed

@@ -4,9 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from spheremcap.cli.progress import bar
+from spheremcap.cli.progress import bar, loaded
 
 app = typer.Typer(no_args_is_help=True, help="Find settings on frames whose circles are known.")
 
@@ -31,7 +30,8 @@ def hough(
     """Find the Hough transform's (dp, minDist, param1, param2) with the least mean error (eq 2.19)."""
     from spheremcap.evaluation.hough_tuning import THESIS, tune_hough
 
-    with bar(Console(stderr=True), "points") as shown:
+    loaded()
+    with bar("points") as shown:
         task = shown.add_task("tuning", total=None)
         tuned = tune_hough(
             video, truth, output, settings, draws=draws, grid=grid, overwrite=overwrite,

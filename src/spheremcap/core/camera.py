@@ -116,7 +116,9 @@ class Camera:
             criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-12)
             out = cv2.undistortPoints(points[:, None], self.matrix, self._coefficients, criteria=criteria)
         normal = np.asarray(out, np.float64)[:, 0]
-        return np.where(np.hypot(normal[:, :1], normal[:, 1:]) <= self.holds_to, normal, np.nan)
+        # What the search for it ended at is the pixel's ray only if it is seen there.
+        back = self.project(np.concatenate([normal, np.ones((len(normal), 1))], axis=1))
+        return np.where(np.abs(back - points).max(axis=1, keepdims=True) < 1e-3, normal, np.nan)
 
     def rays(self, points_px: FloatArray) -> FloatArray:
         """Unit rays (N, 3) in the optical frame through pixels (N, 2)."""

@@ -4,9 +4,13 @@ A kernel takes plain arrays and floats and says their types, so it is compiled o
 imported, and never again for another layout. Whoever only prints (help, info, export) must not import this.
 """
 
+import hashlib
+import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -30,6 +34,12 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {
 
 inner = numba.njit(**_OPTIONS)
 """For a loop that only kernels call: it is compiled into them."""
+
+
+@inner
+def finite(value):
+    """Whether a number is neither NaN nor infinite. math.isfinite is x - x == 0, which sums in any order fold away."""
+    return abs(value) < 1e300
 
 
 class _Notice:
@@ -64,12 +74,49 @@ def kernel(result: Any, *parameters: Any) -> Callable[[Callable[..., Any]], Any]
 
     def compiled(function: Callable[..., Any]) -> Any:
         started = time.monotonic()
-        try:
-            dispatcher = numba.njit(signature, cache=True, **_OPTIONS)(function)
-        except RuntimeError:  # no place to keep it
-            dispatcher = numba.njit(signature, **_OPTIONS)(function)
-        if not dispatcher.stats.cache_hits:
+        with _kept_for(function) as kept:
+            dispatcher = numba.njit(signature, cache=kept, **_OPTIONS)(function)
+        if not numba.config.DISABLE_JIT and not dispatcher.stats.cache_hits:
             notice.missed(started)
         return dispatcher
 
     return compiled
+
+
+@contextmanager
+def _kept_for(function: Callable[..., Any]) -> Iterator[bool]:
+    """Where numba keeps this kernel: in a folder named after the files whose loops go into it, since numba itself looks
+    only at the kernel's own file. Beside the package, else with the user's caches; False where neither can be written.
+    """
+    stamp = hashlib.sha256()
+    for name in sorted(_files_of(function, set())):
+        facts = Path(name).stat()
+        stamp.update(f"{Path(name).name} {facts.st_size} {facts.st_mtime_ns}\n".encode())
+    before = numba.config.CACHE_DIR
+    for place in (before, Path(__file__).parents[1] / "__pycache__", Path.home() / ".cache" / "spheremcap"):
+        if not place:
+            continue
+        folder = Path(place) / f"kernels-{stamp.hexdigest()[:12]}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            numba.config.CACHE_DIR = str(folder)
+            try:
+                yield True
+            finally:
+                numba.config.CACHE_DIR = before
+            return
+    yield False
+
+
+def _files_of(function: Callable[..., Any], seen: set[Any]) -> set[str]:
+    """The source files of a function and of all inner loops that it can call."""
+    seen.add(function)
+    files = {function.__code__.co_filename}
+    for name in function.__code__.co_names:
+        called = getattr(function.__globals__.get(name), "py_func", None)
+        if called is not None and called not in seen:
+            files |= _files_of(called, seen)
+    return files

@@ -1,33 +1,17 @@
 """What the chain says of one marker on one frame."""
 
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
 
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import Window
+from spheremcap.core.status import Status as Status
 from spheremcap.core.view import StageView
 from spheremcap.core.vote import Verdict, Vote
 
 FloatArray = npt.NDArray[np.float64]
-
-
-class Status(Enum):
-    """SEEDED: a person gave it. VERIFIED: measured and accepted. ESTIMATED: the Kalman filter stands in.
-    LOST: not seen for too long. OUT_OF_VIEW: predicted outside the picture. The last two have no pose."""
-
-    SEEDED = "SEEDED"
-    VERIFIED = "VERIFIED"
-    ESTIMATED = "ESTIMATED"
-    LOST = "LOST"
-    OUT_OF_VIEW = "OUT_OF_VIEW"
-
-    @property
-    def measured(self) -> bool:
-        """Whether the circle and pose rest on this frame's picture (SEEDED or VERIFIED)."""
-        return self in (Status.SEEDED, Status.VERIFIED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +25,8 @@ class MarkerEstimate:
     `circle_sd_px` is the standard deviation of (x, y, r) in pixels. `votes` holds all six whenever a template could
     be searched for, `vote_sum` their sum of overlaps in [0, 6]. `proposer` names the stage whose circle became the
     claim (hough, colour, kcf, prediction, acquire, seed). `visible` is the fraction of the outline with an edge.
+    `reasons` are the names of what spoke against the claim (`verification.checks`; "votes", "no outline", "out of
+    view", "not found"); empty when measured. `velocity_cam_mps` is None until two measurements say something of it.
     """
 
     marker: str
@@ -60,6 +46,7 @@ class MarkerEstimate:
     xyz_cam_m: FloatArray | None = field(default=None)
     covariance_m2: FloatArray | None = field(default=None)
     velocity_cam_mps: FloatArray | None = field(default=None)
+    reasons: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +63,8 @@ class SmoothedPose:
 
 @dataclass(frozen=True, slots=True)
 class OperatorRequest:
-    """A person is asked where `marker` is on its first unverified frame; `reason` says why in one line."""
+    """A person is asked where `marker` is on its first unverified frame; `reason` says why in one line, `reasons` are
+    the names of what spoke against the claims since then, most frequent first."""
 
     marker: str
     frame_index: int
@@ -84,6 +72,7 @@ class OperatorRequest:
     raised_at_frame_index: int
     raised_stamp_ns: int
     reason: str
+    reasons: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """A frame gives patches, not pictures: planes stay as decoded until a window of them is asked for."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -157,14 +158,16 @@ class Patch:
 
     def _place(self, frame: Frame, x0_px: float, y0_px: float, step_px: float, bgr: BgrImage) -> None:
         self.x0_px, self.y0_px, self.step_px, self.bgr = float(x0_px), float(y0_px), step_px, bgr
-        height, width = bgr.shape[:2]
-        x1 = int(np.floor((frame.width_px - 1 - x0_px) / step_px)) + 1
-        y1 = int(np.floor((frame.height_px - 1 - y0_px) / step_px)) + 1
-        x0, y0 = int(np.ceil(-x0_px / step_px)), int(np.ceil(-y0_px / step_px))
-        self.picture = (
-            min(max(x0, 0), width), min(max(y0, 0), height), min(max(x1, 0), width), min(max(y1, 0), height),
-        )  # fmt: skip
+        self._size_px = frame.width_px, frame.height_px
+
+    @cached_property
+    def picture(self) -> tuple[int, int, int, int]:
         """The part inside the picture as (x0, y0, x1, y1), half open, in patch coordinates."""
+        height, width = self.bgr.shape[:2]
+        x1 = math.floor((self._size_px[0] - 1 - self.x0_px) / self.step_px) + 1
+        y1 = math.floor((self._size_px[1] - 1 - self.y0_px) / self.step_px) + 1
+        x0, y0 = math.ceil(-self.x0_px / self.step_px), math.ceil(-self.y0_px / self.step_px)
+        return min(max(x0, 0), width), min(max(y0, 0), height), min(max(x1, 0), width), min(max(y1, 0), height)
 
     @property
     def window(self) -> Window:

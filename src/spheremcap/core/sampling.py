@@ -3,6 +3,8 @@
 `y`, `u`, `v`, `grid` are `Frame.planes`; beyond the border the border pixel repeats.
 """
 
+import math
+
 import numpy as np
 
 from spheremcap.core.compiled import F8, I8, PLANE, array, inner, kernel
@@ -25,6 +27,27 @@ def level_at(plane, column, row):
 
 
 @inner
+def soft_levels_at(first, second, column, row):
+    """Values of two planes at a place between their samples, by a quadratic B-spline: blurred by half a sample, and by
+    as much wherever the place lies."""
+    rows, columns = first.shape
+    j, i = int(math.floor(column + 0.5)), int(math.floor(row + 0.5))
+    a, b = column - j, row - i
+    wl, wr = 0.5 * (0.5 - a) * (0.5 - a), 0.5 * (0.5 + a) * (0.5 + a)
+    wm = 1.0 - wl - wr
+    h, k = min(max(j - 1, 0), columns - 1), min(max(j + 1, 0), columns - 1)
+    j = min(max(j, 0), columns - 1)
+    top, bottom = 0.5 * (0.5 - b) * (0.5 - b), 0.5 * (0.5 + b) * (0.5 + b)
+    one, two = 0.0, 0.0
+    for n in range(3):
+        line = min(max(i + n - 1, 0), rows - 1)
+        share = top if n == 0 else (bottom if n == 2 else 1.0 - top - bottom)
+        one += share * (wl * first[line, h] + wm * first[line, j] + wr * first[line, k])
+        two += share * (wl * second[line, h] + wm * second[line, j] + wr * second[line, k])
+    return one, two
+
+
+@inner
 def _places(first, step, count, size):
     """Left neighbour, right neighbour and the right one's share for `count` places along an axis of `size` samples."""
     left, right, share = np.empty(count, np.uint32), np.empty(count, np.uint32), np.empty(count, np.float32)
@@ -39,9 +62,9 @@ def _places(first, step, count, size):
 @inner
 def _resampled(plane, column, row, across, down, width, height, out):
     """Fill `out` (height, width) float32 from places that start at (column, row), bilinear; where a place stands for
-    more than a sample and a half, with the mean of the 2 x 2 or 3 x 3 nearest samples spread over it."""
+    two and a half samples or more, with the mean of the 2 x 2 or 3 x 3 nearest samples spread over it."""
     rows, columns = plane.shape
-    sub = 1 if across < 1.5 else (2 if across < 3.0 else 3)
+    sub = 1 if across < 2.5 else (2 if across < 5.0 else 3)
     if sub == 1:
         j, k, a = _places(column, across, width, columns)
         i, n, b = _places(row, down, height, rows)
@@ -99,6 +122,12 @@ def bgr_at(y, u, v, grid, column, row):
         grid[8] * luma + grid[9] * cb + grid[10] * cr + grid[11],
         grid[12] * luma + grid[13] * cb + grid[14] * cr + grid[15],
     )
+
+
+@inner
+def clipped(value):
+    """A colour value as 8 bits can hold it, 0..255."""
+    return min(max(value, 0.0), 255.0)
 
 
 @inner

@@ -17,22 +17,30 @@ def ticks_to_ns(ticks: int, time_base: Fraction) -> int:
     return (2 * numerator + denominator) // (2 * denominator)
 
 
+_SECONDS = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d{1,2})?", re.ASCII)
+_SPLIT_SECONDS = re.compile(r"(.+[^\d:+-]\d\d:?\d\d:?\d\d)[.,](\d+)(.*)", re.ASCII)
+"""ISO 8601 whose seconds have decimals: what is before them, the decimals, the zone."""
+
+
 def parse_time_ns(text: str) -> int:
     """Parse ISO 8601 (`2025-06-01T10:00:00.5Z`; no zone means UTC) or decimal Unix seconds, to ns since 1970.
 
-    Decimal digits are kept exactly to the nanosecond. Raises ValueError when `text` is neither.
+    ISO's other decimal sign, the comma, will do as well. Nine decimals are kept exactly, further ones are cut off.
+    Raises ValueError when `text` is neither.
     """
     text = text.strip()
-    try:
+    if _SECONDS.fullmatch(text):
         return int(Fraction(text) * NS_PER_S)
-    except (ValueError, ZeroDivisionError):
-        pass
-    fraction = re.search(r"\.(\d{1,9})", text)
-    stamp = datetime.fromisoformat(text if fraction is None else text.replace(fraction[0], "", 1))
+    parts = _SPLIT_SECONDS.fullmatch(text)
+    whole = text if parts is None else parts[1] + parts[3]
+    if "." in whole or "," in whole:  # datetime would take any decimals for those of a second
+        raise ValueError(f"{text!r}: only seconds may have decimals")
+    stamp = datetime.fromisoformat(whole)
     if stamp.tzinfo is None:
         stamp = stamp.replace(tzinfo=UTC)
     delta = stamp - datetime(1970, 1, 1, tzinfo=UTC)
-    return (delta.days * 86_400 + delta.seconds) * NS_PER_S + (int(fraction[1].ljust(9, "0")) if fraction else 0)
+    nanos = 0 if parts is None else int(parts[2][:9].ljust(9, "0"))
+    return (delta.days * 86_400 + delta.seconds) * NS_PER_S + nanos
 
 
 def format_time(stamp_ns: int) -> str:

@@ -1,15 +1,17 @@
 """ColorSmartBoundary: a box in HSV learnt from the marker, a mask, a blob (thesis sections 2.4.2 and 2.4.3)."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
 from spheremcap.core.circle import Circle
+from spheremcap.core.compiled import BGR, BOOL, F8, I8, PLANE, array, inner, kernel
 from spheremcap.core.frame import Patch
+from spheremcap.core.sampling import hsv_of
 from spheremcap.core.stage import StageConfig
 
 HUES = 180  # OpenCV's hue circle: 0..179, two degrees a step
@@ -45,28 +47,72 @@ class ColourBox:
             min(2 * self.hue_half, HUES) * (self.saturation[1] - self.saturation[0]) * (self.value[1] - self.value[0])
         )
 
-    def mask(self, hsv: npt.NDArray[np.uint8], gain: float = 1.0) -> npt.NDArray[np.uint8]:
-        """(h, w) 255 inside the box, 0 outside; `gain` is how much brighter the scene is than when it was learnt."""
-        if hsv.size == 0:  # OpenCV refuses it
-            return np.zeros(hsv.shape[:2], np.uint8)
+    def limits(self, gain: float = 1.0) -> npt.NDArray[np.float64]:
+        """What `in_box` asks for, (6,): hue's mean and half-width, least and greatest saturation, least and greatest
+        value; `gain` is how much brighter the scene is than when the box was learnt.
+
+        The box is of colours in whole steps, so a colour between the steps may lie half a step outside. A range that
+        ends at 0 or 255, and hue's from 90 on, has no limit there: it is infinite.
+        """
         s0, s1 = self.saturation
         v0, v1 = self.value[0] * min(gain, 1.2), self.value[1] * gain
         if v1 > 235:  # a bright marker clips: it may go up to white
             v1, s0 = 255.0, s0 * 0.7
-        if self.hue_half >= HUES / 2:
-            ranges = [(0.0, HUES - 1.0)]
-        else:
-            low, high = self.hue_mean - self.hue_half, self.hue_mean + self.hue_half
-            ranges = [(low, high)]
-            if low < 0:
-                ranges = [(0, high), (low + HUES, HUES - 1)]
-            elif high >= HUES:
-                ranges = [(low, HUES - 1), (0, high - HUES)]
-        out = None
-        for low, high in ranges:
-            part = cv2.inRange(hsv, (float(np.floor(low)), s0, v0), (float(np.ceil(high)), s1, v1))
-            out = part if out is None else cv2.bitwise_or(out, part)
-        return out  # type: ignore[return-value]
+        return np.array(
+            [
+                self.hue_mean,
+                self.hue_half + 0.5 if self.hue_half < HUES / 2 else math.inf,
+                s0 - 0.5 if s0 > 0 else -math.inf,
+                s1 + 0.5 if s1 < 255 else math.inf,
+                v0 - 0.5 if v0 > 0 else -math.inf,
+                v1 + 0.5 if v1 < 255 else math.inf,
+            ]
+        )
+
+    def mask(self, hsv: npt.NDArray[np.uint8], gain: float = 1.0) -> npt.NDArray[np.uint8]:
+        """(h, w) 255 inside the box, 0 outside, of a picture (h, w, 3) in OpenCV's 8-bit HSV."""
+        return hsv_mask(hsv, self.limits(gain))
+
+
+LIMITS = array(F8, 1)
+
+
+@inner
+def in_box(limits, hue, saturation, value):
+    """Whether a colour (hue 0..180, saturation and value 0..255, as of `hsv_of`) lies within `ColourBox.limits`."""
+    off = abs(hue - limits[0])
+    near = min(off, 180.0 - off) <= limits[1]
+    return near and limits[2] <= saturation <= limits[3] and limits[4] <= value <= limits[5]
+
+
+@kernel(None, BGR, LIMITS)
+def hsv_mask(hsv, limits):
+    """(h, w) uint8, 255 where a picture (h, w, 3) in 8-bit HSV lies within the limits, else 0."""
+    height, width = hsv.shape[:2]
+    out = np.empty((height, width), np.uint8)
+    for i in range(height):
+        for j in range(width):
+            out[i, j] = 255 if in_box(limits, float(hsv[i, j, 0]), float(hsv[i, j, 1]), float(hsv[i, j, 2])) else 0
+    return out
+
+
+@kernel(None, BGR, LIMITS)
+def box_mask(bgr, limits):
+    """(h, w) uint8, 255 where a picture (h, w, 3) BGR lies within the limits, else 0.
+
+    Hue and saturation are not rounded to whole steps on the way: a colour within one step of a limit may come out
+    otherwise than through OpenCV's 8-bit HSV.
+    """
+    height, width = bgr.shape[:2]
+    out = np.zeros((height, width), np.uint8)
+    for i in range(height):
+        for j in range(width):
+            blue, green, red = float(bgr[i, j, 0]), float(bgr[i, j, 1]), float(bgr[i, j, 2])
+            if limits[4] <= max(blue, green, red) <= limits[5]:  # told without dividing, as most that is not the marker
+                hue, saturation, value = hsv_of(blue, green, red)
+                if in_box(limits, hue, saturation, value):
+                    out[i, j] = 255
+    return out
 
 
 def learn_box(hsv: npt.NDArray[np.uint8], config: ColourConfig) -> ColourBox:
@@ -122,24 +168,84 @@ def disc_mask(patch: Patch, circle: Circle, share: float) -> npt.NDArray[np.bool
     return dx2[None, :] + dy2[:, None] <= max(1.0, share * local.r_px) ** 2
 
 
+@inner
+def _root(parent, k):
+    while parent[k] != k:
+        parent[k] = parent[parent[k]]
+        k = parent[k]
+    return k
+
+
+@kernel(None, PLANE, BOOL, I8)
+def blobs(mask, diagonal, least):
+    """(N, 5) float64: pixels, column and row of the centroid, width and height of every connected part of a mask
+    (h, w) that has at least `least` pixels; `diagonal` connects pixels that only touch at a corner (8-connectivity).
+
+    Runs of a row are joined with those above that they touch (union-find).
+    """
+    height, width = mask.shape
+    count = 0
+    for i in range(height):
+        before = 0
+        for j in range(width):
+            count += mask[i, j] != 0 and before == 0
+            before = mask[i, j]
+    row, first, end = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    parent = np.arange(count)
+    slack = 1 if diagonal else 0
+    n = above = here = 0  # runs so far; the first that may touch what comes; the first of this row
+    for i in range(height):
+        above, here = here, n
+        last = here  # one past the row above
+        j = 0
+        while j < width:
+            if mask[i, j] == 0:
+                j += 1
+                continue
+            row[n], first[n] = i, j
+            while j < width and mask[i, j] != 0:
+                j += 1
+            end[n] = j
+            while above < last and end[above] + slack <= first[n]:
+                above += 1
+            k = above
+            while k < last and first[k] < j + slack:
+                a, b = _root(parent, k), _root(parent, n)
+                parent[max(a, b)] = min(a, b)
+                k += 1
+            n += 1
+    area, sums = np.zeros(count, np.int64), np.zeros((count, 2))
+    left, right, top, bottom = np.full(count, width), np.zeros(count, np.int64), row.copy(), np.zeros(count, np.int64)
+    found = 0
+    for k in range(count):
+        r, size = _root(parent, k), end[k] - first[k]
+        found += area[r] < least <= area[r] + size
+        area[r] += size
+        sums[r, 0] += size * 0.5 * (first[k] + end[k] - 1)
+        sums[r, 1] += size * row[k]
+        left[r], right[r], bottom[r] = min(left[r], first[k]), max(right[r], end[k]), row[k] + 1
+    out = np.empty((found, 5))
+    n = 0
+    for k in range(count):
+        if parent[k] == k and area[k] >= least:
+            out[n, 0], out[n, 1], out[n, 2] = area[k], sums[k, 0] / area[k], sums[k, 1] / area[k]
+            out[n, 3], out[n, 4] = right[k] - left[k], bottom[k] - top[k]
+            n += 1
+    return out
+
+
 def colour_circle(mask: npt.NDArray[np.uint8], patch: Patch, expected: Circle) -> Circle | None:
-    """The blob of `mask` nearest in place and size to `expected`, as a circle in image pixels; None when there is none.
+    """The blob of `mask` (the patch's) nearest in place and size to `expected`, as a circle in image pixels; None when
+    there is none.
 
     The circle has the blob's centroid and area; a blob under 15 % of the expected area is noise.
     """
-    count, _, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=4)
+    local = patch.local(expected)
     best: Circle | None = None
-    best_cost = np.inf
-    for k in range(1, count):
-        area = float(stats[k, cv2.CC_STAT_AREA])
-        if area < 0.15 * expected.area_px2:
-            continue
-        circle = Circle(
-            float(centres[k][0]) + patch.window.x,
-            float(centres[k][1]) + patch.window.y,
-            float(np.sqrt(area / np.pi)),
-        )
-        cost = circle.distance(expected) / expected.r_px + 2 * abs(np.log(circle.r_px / expected.r_px))
+    best_cost = math.inf
+    for area, x, y, _, _ in blobs(mask, False, max(1, math.ceil(0.15 * local.area_px2))).tolist():
+        circle = Circle(x, y, math.sqrt(area / math.pi))
+        cost = circle.distance(local) / local.r_px + 2 * abs(math.log(circle.r_px / local.r_px))
         if cost < best_cost:
-            best, best_cost = circle, float(cost)
-    return best
+            best, best_cost = circle, cost
+    return None if best is None else patch.in_picture(best)

@@ -7,15 +7,19 @@ where the step that the lens and the known motion make (a Gaussian, swept along 
 least squares, both levels left free.
 """
 
-from dataclasses import dataclass
+import math
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from spheremcap.core.frame import Patch
+from spheremcap.core.compiled import BOOL, F8, PLANE, array, inner, kernel
+from spheremcap.core.frame import Frame
+from spheremcap.core.linear import inverse3, middle
+from spheremcap.core.look import EdgePoints
+from spheremcap.core.sampling import GRID, bgr_at, clipped, hsv_of, level_at, soft_levels_at
 from spheremcap.core.stage import StageConfig
+from spheremcap.detection.colour import in_box
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -26,7 +30,9 @@ class EdgeConfig(StageConfig):
     rays: int = Field(48, ge=16, le=360, description="rays around the outline")
     blur_sigma_px: float = Field(0.5, gt=0, description="Gaussian blur of lens, sensor and codec")
     learn_blur: bool = Field(True, description="look at the seed for a softer lens than `blur_sigma_px`")
-    chroma_sigma_px: float = Field(1.0, gt=0, description="further blur of chroma at half resolution")
+    chroma_sigma_px: float = Field(
+        1.15, gt=0, description="further blur of chroma at half resolution: a box of 2 px, and the spline it is read by"
+    )
     noise: float = Field(0.006, gt=0, description="least pixel noise, code values with full scale 1")
     balance: float = Field(
         0.02, gt=0, description="colour differences below this do not steer the projection, code values"
@@ -36,279 +42,193 @@ class EdgeConfig(StageConfig):
     chroma: bool = Field(True, description="false: edges in brightness alone (ablation)")
 
 
-@dataclass(frozen=True, slots=True)
-class EdgePoints:
-    """Edge points in image pixels (N, 2), the standard deviation of each along its normal (N,) in pixels, and the ray
-    each came from (N,). Rays without an edge, or out of the picture, have none. `rays` is how many rays lay inside
-    the picture; `offset_px` (N,) how far outside the expected outline each point is; `explained` the share in [0, 1]
-    of the profiles' variance that the blurred step explains, a measure of how well the blur is known."""
-
-    points_px: FloatArray
-    sd_px: FloatArray
-    ray: npt.NDArray[np.intp]
-    offset_px: FloatArray
-    rays: int
-    explained: float
+_STEP = 0.7  # px between samples on a ray near the edge
+_DEEP = 16  # samples between the edge and the deepest place, at most
+_NO_STEP = 1e30  # stands for the residuals where no step is seen
+_READ_PLAINLY = 0.87  # of chroma's blur is left where every pixel has its own and no spline is needed
+_NO_LIMITS = np.empty(0)
 
 
-_STEP = 0.5  # px between samples on a ray
-_FINE = 0.25  # px between the shifts that are tried
+def edge_params(config: EdgeConfig) -> FloatArray:
+    """The config as the compiled loops take it, (6,): chroma blur, noise, balance, least contrast, shading, chroma."""
+    return np.array(
+        [
+            config.chroma_sigma_px, config.noise, config.balance, config.least_contrast, config.shading, config.chroma,
+        ],
+        np.float64,
+    )  # fmt: skip
 
 
 def find_edges(
-    patch: Patch,
+    frame: Frame,
     outline_px: FloatArray,
     r_px: float,
     reach_px: float,
     blur_px: FloatArray,
-    mask: npt.NDArray[np.uint8] | None,
+    limits: FloatArray | None,
     config: EdgeConfig,
     coarse: bool = False,
+    sigma_px: float | None = None,
 ) -> EdgePoints | None:
     """Edge points near an expected outline (image pixels, (N, 2), clockwise on screen); None when there is no contrast.
 
     `reach_px` is how far from the outline an edge may be; `blur_px` (2,) the motion during the exposure;
-    `mask` the colour mask of the patch (edges whose inner side is not marker-coloured are left out), or None.
+    `limits` the colours of the marker (`ColourBox.limits`; edges whose inner side has others are left out), or None;
+    `sigma_px` the blur of lens and codec where it is not the config's.
     `coarse` samples at half the density and leaves the shading out: a quarter of the work, for a first look.
     """
-    count = len(outline_px)
-    local = outline_px - (patch.window.x, patch.window.y)
-    ring = np.concatenate([local[-1:], local, local[:1]])
-    tangent = ring[2:] - ring[:-2]
-    tangent /= np.sqrt((tangent * tangent).sum(axis=1, keepdims=True))
-    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
-
-    across, along = normal @ blur_px, tangent @ blur_px
-    sigma = config.blur_sigma_px + 0.5 * config.chroma_sigma_px
-    margin = sigma + 0.2
-    half_blur = np.abs(across) / 2
-    outer = reach_px + margin + float(half_blur.max())
-    inner = min(max(outer, 0.6 * r_px), 0.95 * r_px)
-    step = _STEP * (1 if r_px < 40 else 2) * (2 if coarse else 1)
-    fine = step / 2
-    u = np.arange(-np.ceil(inner / step), np.ceil(outer / step) + 1) * step  # (M,)
-
-    samples = _sample(patch.bgr, local, normal, u)  # (N, M, 3)
-    x0, y0, x1, y1 = patch.picture
-    ends = local[:, None, :] + normal[:, None, :] * np.array([-margin, margin])[:, None]
-    inside = ((ends[..., 0] >= x0) & (ends[..., 0] <= x1 - 1) & (ends[..., 1] >= y0) & (ends[..., 1] <= y1 - 1)).all(
-        axis=1
-    )
-    if inside.sum() < 8:
+    outline = np.ascontiguousarray(outline_px, np.float64)
+    count = len(outline)
+    points, sd, ray, offset = np.empty((count, 2)), np.empty(count), np.empty(count), np.empty(count)
+    found, rays, explained = _find_edges(
+        *frame.planes, outline, r_px, reach_px, blur_px[0], blur_px[1], _NO_LIMITS if limits is None else limits,
+        config.blur_sigma_px if sigma_px is None else sigma_px, edge_params(config), coarse, points, sd, ray, offset,
+    )  # fmt: skip
+    if found == 0:
         return None
+    whole = ray[:found].astype(np.intp)
+    return EdgePoints(points[:found], sd[:found], whole, offset[:found], rays, explained)
 
-    # Levels on either side, clear of the blurred edge, and the colour difference between them.
-    clear = margin + half_blur
-    depth = np.minimum(clear + 0.5 * reach_px, 0.6 * inner)[:, None]
-    deep = (u[None, :] < -depth) & (u[None, :] > -0.9 * r_px)
-    close = deep & (u[None, :] > -depth - 0.15 * r_px - 0.5)
-    far = u[None, :] > (clear + 0.5 * reach_px - 0.5)[:, None]
-    far[:, -2:] = True
-    colour_in = _level(samples, close)
-    colour_out = _level(samples, far)
-    reference = np.sort(colour_in[inside], axis=0)[int(inside.sum()) // 2]
-    # What may vary without being an edge: the background's texture and the marker's own shading. A direction that is
-    # blind to both (Fisher's discriminant) sees a coloured marker's edge whatever the light does to it.
-    within = 0.25 * _scatter(colour_out[inside]) + 0.2 * _scatter(samples[deep & inside[:, None]])
-    difference = reference - colour_out
-    direction = np.linalg.solve(within + np.eye(3) * config.balance**2, difference.T).T
-    if not config.chroma:
-        direction[:, 1:] = 0
-    direction /= np.sqrt(np.maximum((direction * direction).sum(axis=1, keepdims=True), 1e-24))
-    profile = np.einsum("nmc,nc->nm", samples, direction)  # (N, M)
 
-    shift = np.arange(-np.ceil(reach_px / fine), np.ceil(reach_px / fine) + 1) * fine  # (K,)
-    near = np.abs(u) <= reach_px + margin + float(half_blur.max())
-    first = int(near.argmax())
-    uu = u[near]
-    v = np.arange(uu[0] - shift[-1], uu[-1] - shift[0] + fine / 2, fine)  # edge-centred abscissa
-    if config.shading and not coarse:
-        limb = _limb(to_linear(samples[..., 0]), u, r_px, deep & inside[:, None], close, v)
-    else:
-        limb = np.ones((count, len(v)))
-    expected = _profile(v, limb, colour_in, colour_out, across, along, r_px, config)  # (N, V, 3)
-    shape = np.einsum("nvc,nc->nv", expected - expected[:, -1:], direction)
+@inner
+def edges_into(
+    y, u, v, grid, outline, r_px, reach_px, blur_x, blur_y, limits, sigma, params, coarse, points, sd, ray, offset
+):
+    """`find_edges` into the first places of `points` (N, 2), `sd`, `ray` and `offset` (N,): how many there are (0 for
+    none), how many rays lay inside the picture, and the share of the profiles that the step explains.
 
-    wanted = np.arange(len(shift))
-    # Template for shift k at sample m: abscissa u_m - shift_k.
-    index = (
-        np.rint((uu[0] - v[0]) / fine).astype(int)
-        + np.arange(len(uu))[None, :] * 2
-        - (wanted - (len(shift) // 2))[:, None]
-    )
-    index = np.clip(index, 0, len(v) - 1)
-    data = profile[:, first : first + len(uu)]
-    data = data - data.mean(axis=1, keepdims=True)
-    template = shape[:, index]  # (N, K, m)
-    template = template - template.mean(axis=2, keepdims=True)
-    power = np.maximum(np.einsum("nkm,nkm->nk", template, template), 1e-12)
-    like = np.einsum("nkm,nm->nk", template, data)
-    rise = like / power  # step seen over step expected
-    sse = (data * data).sum(axis=1)[:, None] - like * rise
-    sse = np.where(rise > 0.2, np.maximum(sse, 0), np.inf)
-    best = sse.argmin(axis=1)
-    rows = np.arange(count)
-    interior = (best > 0) & (best < len(shift) - 1) & inside & np.isfinite(sse[rows, best])
-    k = np.clip(best, 1, len(shift) - 2)
-    left, mid, right = sse[rows, k - 1], sse[rows, k], sse[rows, k + 1]
-    with np.errstate(invalid="ignore"):
-        bend = left - 2 * mid + right
-        interior &= np.isfinite(bend) & (bend > 0)
-        offset = shift[k] + np.where(interior, 0.5 * (left - right) / np.where(bend > 0, bend, 1) * fine, 0)
-        noise2 = np.maximum(mid / max(1, len(uu) - 3), config.noise**2)
+    Arrays over places and rays have the rays innermost, so that each loop over rays runs in vector registers.
+    """
+    count = len(outline)
+    normal, inside = np.empty((count, 2)), np.empty(count, np.float32)
+    across, along = np.empty(count, np.float32), np.empty(count, np.float32)
+    soft = sigma + 0.5 * params[0]
+    margin = soft + 0.2
+    widest, in_picture = 0.0, 0
+    for n in range(count):
+        before, after = outline[n - 1 if n > 0 else count - 1], outline[n + 1 if n + 1 < count else 0]
+        tx, ty = after[0] - before[0], after[1] - before[1]
+        length = math.sqrt(tx * tx + ty * ty)
+        tx, ty = tx / length, ty / length
+        normal[n, 0], normal[n, 1] = ty, -tx
+        across[n], along[n] = ty * blur_x - tx * blur_y, tx * blur_x + ty * blur_y
+        widest = max(widest, abs(across[n]) / 2.0)
+        whole = True
+        for side in (-margin, margin):
+            x, row = outline[n, 0] + side * ty, outline[n, 1] - side * tx
+            whole = whole and 0.0 <= x <= y.shape[1] - 1 and 0.0 <= row <= y.shape[0] - 1
+        inside[n] = 1.0 if whole else 0.0
+        in_picture += whole
+    if in_picture < 8:
+        return 0, in_picture, 0.0
+
+    # Places along a ray: even steps as far as the edge can be, wider ones further in where they would be many.
+    outer = reach_px + margin + widest
+    deepest = min(max(outer, 0.6 * r_px), 0.95 * r_px)
+    step = _STEP * (1.0 if r_px < 40.0 else 2.0) * (2.0 if coarse else 1.0) * (1.0 if widest < 2.0 else 1.4)
+    far_steps, near_steps = int(math.ceil(outer / step)), int(math.floor(outer / step))
+    close_in = min(near_steps, int(math.ceil(deepest / step)))
+    stride = max(1, int(math.ceil((deepest / step - close_in) / _DEEP)))
+    deep_steps = max(0, int(math.ceil((deepest / step - close_in) / stride)))
+    place = np.empty(deep_steps + close_in + 1 + far_steps, np.float32)
+    for k in range(deep_steps):
+        place[k] = -(close_in + (deep_steps - k) * stride) * step
+    for k in range(close_in + 1 + far_steps):
+        place[deep_steps + k] = (k - close_in) * step
+    near = close_in + 1 + near_steps  # the places, from `deep_steps` on, where the edge may be
+
+    samples = np.empty((3, len(place), count), np.float32)
+    _sample(y, u, v, grid, outline, normal, place, deep_steps, samples)
+    depth, beyond = np.empty(count, np.float32), np.empty(count, np.float32)
+    for n in range(count):
+        clear = margin + abs(across[n]) / 2.0
+        depth[n] = min(clear + 0.5 * reach_px, 0.6 * deepest)
+        beyond[n] = clear + 0.5 * reach_px - 0.5
+    colour_in, colour_out = np.zeros((3, count), np.float32), np.zeros((3, count), np.float32)
+    _levels(samples, place, depth, beyond, r_px, colour_in, colour_out)
+    direction = np.empty((3, count), np.float32)
+    _directions(samples, place, depth, r_px, inside, colour_in, colour_out, params[2], params[5] > 0.0, direction)
+
+    fine = step / 2.0
+    half = int(math.ceil(reach_px / fine))
+    shifts = 2 * half + 1
+    v_first = place[deep_steps] - half * fine
+    length = 2 * (near - 1) + shifts
+    limb = np.ones((length, count), np.float32)
+    if params[4] > 0.0 and not coarse:
+        _set_limb(samples[0], place, r_px, depth, inside, v_first, fine, limb)
+    chroma_sigma = params[0] if grid[0] > 1.0 else _READ_PLAINLY * params[0]
+    shape = np.empty((length, count), np.float32)
+    _set_shape(v_first, fine, limb, colour_in, colour_out, direction, across, along, r_px, sigma, chroma_sigma, shape)
+
+    # Least squares of the step, at each shift, against what is seen; both levels are free.
+    data, mean = np.zeros((near, count), np.float32), np.zeros(count, np.float32)
+    total = np.zeros(count, np.float32)
+    for m in range(near):
+        for c in range(3):
+            seen, along_it = samples[c, deep_steps + m], direction[c]
+            for n in range(count):
+                data[m, n] += seen[n] * along_it[n]
+        for n in range(count):
+            mean[n] += data[m, n]
+    for m in range(near):
+        for n in range(count):
+            data[m, n] -= mean[n] / np.float32(near)
+            total[n] += data[m, n] * data[m, n]
+    sse, rise = np.empty((shifts, count), np.float32), np.empty((shifts, count), np.float32)
+    power = np.empty((shifts, count), np.float32)
+    like, squares, plain = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+    for k in range(shifts):
+        like[:] = 0.0
+        squares[:] = 0.0
+        plain[:] = 0.0
+        for m in range(near):
+            template, profile = shape[shifts - 1 - k + 2 * m], data[m]
+            for n in range(count):
+                like[n] += template[n] * profile[n]
+                squares[n] += template[n] * template[n]
+                plain[n] += template[n]
+        for n in range(count):
+            power[k, n] = max(squares[n] - plain[n] * plain[n] / np.float32(near), np.float32(1e-9))
+            rise[k, n] = like[n] / power[k, n]  # step seen over step expected
+            left_over = max(total[n] - like[n] * rise[k, n], np.float32(0.0))
+            sse[k, n] = left_over if rise[k, n] > np.float32(0.2) else np.float32(_NO_STEP)
+
+    found, seen_power, left_power = 0, 0.0, 0.0
+    for n in range(count):
+        best = 0
+        for k in range(1, shifts):
+            if sse[k, n] < sse[best, n]:
+                best = k
+        if inside[n] == 0.0 or best == 0 or best == shifts - 1:
+            continue
+        left, mid, right = float(sse[best - 1, n]), float(sse[best, n]), float(sse[best + 1, n])
+        bend = left - 2.0 * mid + right
+        if not 0.0 < bend < 0.5 * _NO_STEP:
+            continue
+        moved = (best - half) * fine + 0.5 * (left - right) / bend * fine
+        noise2 = max(mid / max(1, near - 3), params[1] * params[1])
         # Half the second derivative of the SSE is the Fisher information times the noise variance.
-        sd = np.sqrt(noise2 / np.maximum(bend / fine**2 / 2, 1e-12))
-    contrast = rise[rows, k] * np.sqrt(power[rows, k] / noise2)
-    keep = interior & (contrast > config.least_contrast) & np.isfinite(sd) & (sd < 2.0)
-    if mask is not None:
-        back = local + normal * (offset - 1.5 - half_blur - sigma)[:, None]
-        keep &= _marker_coloured(mask, back)
-    if keep.sum() < 6:
-        return None
-    points = outline_px + normal * offset[:, None]
-    total = float((data[keep] ** 2).sum())
-    explained = 1 - float(mid[keep].sum()) / max(total, 1e-12)
-    return EdgePoints(
-        points[keep],
-        np.maximum(sd[keep], 0.02),
-        np.flatnonzero(keep),
-        offset[keep],
-        int(inside.sum()),
-        explained,
-    )
+        deviation = math.sqrt(noise2 / max(bend / (fine * fine) / 2.0, 1e-12))
+        if not (rise[best, n] * math.sqrt(power[best, n] / noise2) > params[3] and deviation < 2.0):
+            continue
+        if len(limits) > 0:
+            back = moved - 1.5 - abs(across[n]) / 2.0 - soft
+            if not _own_colour(
+                y, u, v, grid, outline[n, 0] + back * normal[n, 0], outline[n, 1] + back * normal[n, 1], limits
+            ):
+                continue
+        points[found, 0] = outline[n, 0] + moved * normal[n, 0]
+        points[found, 1] = outline[n, 1] + moved * normal[n, 1]
+        sd[found], ray[found], offset[found] = max(deviation, 0.02), n, moved
+        seen_power += total[n]
+        left_power += mid
+        found += 1
+    if found < 6:
+        return 0, in_picture, 0.0
+    return found, in_picture, 1.0 - left_power / max(seen_power, 1e-12)
 
 
-def _sample(image: npt.NDArray[np.uint8], origin: FloatArray, normal: FloatArray, u: FloatArray) -> FloatArray:
-    """Luma and chroma (N, M, 3), code values 0..1, at origin + u * normal, bilinear; the patch's border repeats."""
-    xy = (origin[:, None, :] + normal[:, None, :] * u[None, :, None]).astype(np.float32)
-    bgr = cv2.remap(image, xy, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-    return bgr @ (_BGR_TO_YCC.T / 255)
-
-
-def _level(samples: FloatArray, where: npt.NDArray[np.bool_]) -> FloatArray:
-    """Mean colour (N, 3) of each ray over the samples chosen."""
-    weight = where / np.maximum(where.sum(axis=1, keepdims=True), 1)
-    return np.einsum("nmc,nm->nc", samples, weight)
-
-
-def _scatter(colours: npt.NDArray[np.floating]) -> FloatArray:
-    """Covariance (3, 3) of colours (N, 3); zero for none."""
-    off = colours - colours.mean(axis=0) if len(colours) else np.zeros((1, 3))
-    return (off.T @ off / max(1, len(off))).astype(np.float64)
-
-
-def _marker_coloured(mask: npt.NDArray[np.uint8], at: FloatArray) -> npt.NDArray[np.bool_]:
-    """Whether the mask holds around each point (N, 2) of the patch."""
-    xy = at.astype(np.float32)[:, None, :]
-    soft = cv2.remap(cv2.blur(mask, (3, 3)), xy, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
-    return soft[:, 0] >= 85  # type: ignore[no-any-return]
-
-
-def _limb(
-    brightness: FloatArray,
-    u: FloatArray,
-    r_px: float,
-    where: npt.NDArray[np.bool_],
-    close: npt.NDArray[np.bool_],
-    v: FloatArray,
-) -> FloatArray:
-    """How the marker darkens (or brightens) towards its limb: (N, len(v)) against the distance `v` from the edge,
-    relative to each ray's mean over the samples `close`.
-
-    A matt ball lit from all around the camera follows A + C nz, nz the normal's share towards the camera. One C for
-    all rays, each with its own brightness, is fitted by ridge to the samples `where`, twice, highlights left out the
-    second time. What differs from ray to ray is left to the free level of each: carrying it on to the limb was tried
-    with spherical harmonics and moved the centre by 0.1 px.
-    """
-    nz = np.sqrt(1 - np.clip(1 + u / r_px, 0, 1) ** 2)[None, :]
-    limb_nz = np.sqrt(1 - np.clip(1 + v / r_px, 0, 1) ** 2)[None, :]
-    keep = where.astype(np.float64)
-    slope = 0.0
-    for _ in range(2):
-        count = np.maximum(keep.sum(axis=1, keepdims=True), 1)
-        level = np.maximum((brightness * keep).sum(axis=1, keepdims=True) / count, 1e-6)
-        mean_nz = (nz * keep).sum(axis=1, keepdims=True) / count
-        off_nz, off = (nz - mean_nz) * keep, (brightness / level - 1) * keep
-        slope = float((off_nz * off).sum() / ((off_nz * off_nz).sum() + 0.02 * keep.sum() + 1e-9))
-        rest = np.abs(off - slope * off_nz)
-        kept = rest[keep > 0]
-        if len(kept) < 24:
-            break
-        usual = float(np.partition(kept, len(kept) // 2)[len(kept) // 2])
-        keep = keep * (rest < 2.5 * max(1.48 * usual, 0.02))
-    near = (nz * close).sum(axis=1, keepdims=True) / np.maximum(close.sum(axis=1, keepdims=True), 1)
-    here = np.maximum(1 + slope * (near - mean_nz), 0.1)
-    return np.clip((1 + slope * (limb_nz - mean_nz)) / here, 0.1, 4)  # type: ignore[no-any-return]
-
-
-def _profile(
-    v: FloatArray,
-    limb: FloatArray,
-    colour_in: FloatArray,
-    colour_out: FloatArray,
-    across: FloatArray,
-    along: FloatArray,
-    r_px: float,
-    config: EdgeConfig,
-) -> FloatArray:
-    """What video shows along each ray (N, len(v), 3) of an edge at v = 0, marker at v < 0: luma and chroma.
-
-    Light mixes linearly under the lens blur and the motion, then the camera's curve is applied, then chroma is blurred
-    once more by its half resolution. Mixing coded values instead would shift the edge towards the darker side.
-    """
-    fine = float(v[1] - v[0])
-    # Blur moves a curved edge inwards by sigma^2 / 2r: by the lens here, by the chroma further down.
-    inwards = config.blur_sigma_px**2 / (2 * r_px)
-    step = np.clip(0.5 - (v + inwards) / fine, 0, 1)
-    both = _gauss(np.concatenate([step[None, :], step * limb]), config.blur_sigma_px / fine)
-    cover, light = _swept(both[0], both[1:], across / fine, along / fine, r_px / fine)
-    inner, outer = to_linear(_to_bgr(colour_in)), to_linear(_to_bgr(colour_out))
-    mixed = light[:, :, None] * inner[:, None, :] + (1 - cover)[:, :, None] * outer[:, None, :]
-    coded = to_code(mixed) @ _BGR_TO_YCC.T
-    chroma = coded[..., 1:].transpose(0, 2, 1).reshape(-1, len(v))
-    soft = _gauss(chroma, config.chroma_sigma_px / fine)
-    part = min(1.0, 1.5 * config.chroma_sigma_px**2 / (2 * r_px) / fine)  # 1.5: sampled twice, in both directions
-    soft[:, :-1] += part * (soft[:, 1:] - soft[:, :-1])
-    soft = soft.reshape(len(limb), 2, len(v)).transpose(0, 2, 1)
-    return np.concatenate([coded[..., :1], soft], axis=2)
-
-
-def _gauss(rows: FloatArray, sigma: float) -> FloatArray:
-    """Each row blurred by a Gaussian of `sigma` samples; the ends repeat."""
-    taps = int(np.ceil(3 * sigma))
-    kernel = np.exp(-0.5 * (np.arange(-taps, taps + 1) / sigma) ** 2)
-    return cv2.filter2D(rows, -1, (kernel / kernel.sum())[None, :], borderType=cv2.BORDER_REPLICATE)  # type: ignore[return-value]
-
-
-def _swept(
-    cover: FloatArray, light: FloatArray, across: FloatArray, along: FloatArray, r: float
-) -> tuple[FloatArray, FloatArray]:
-    """Coverage (V,) and light (N, V) averaged over the exposure, as (N, V); all lengths in samples.
-
-    At time t in [-1/2, 1/2] of the exposure the outline lies t * across - (t * along)^2 / 2r further out: a mean over
-    `across` samples, from a running sum, about a place that lies along^2 / 24r further in.
-    """
-    if float(np.hypot(across, along).max()) < 1.0:
-        return np.broadcast_to(cover, light.shape), light
-    length = light.shape[1]
-    both = np.concatenate([np.broadcast_to(cover, light.shape)[:, None], light[:, None]], axis=1)  # (N, 2, V)
-    sums = np.concatenate([np.zeros((*both.shape[:2], 1)), both.cumsum(axis=2)], axis=2)  # up to a sample's left side
-    half = np.maximum(np.abs(across), 1.0)[:, None] / 2
-    middle = np.arange(length) + 0.5 + (along * along / (24 * r))[:, None]
-    ends = np.stack([(middle - half).clip(0, length - 1), (middle + half).clip(1, length - 1e-6)], axis=1)  # (N, 2, V)
-    low = ends.astype(np.intp)
-    part = ends - low
-    rows = np.arange(len(light))[:, None, None]
-    swept = []
-    for one in (0, 1):
-        left = sums[rows, one, low]
-        swept.append(np.diff(left + part * both[rows, one, low], axis=1)[:, 0] / np.diff(ends, axis=1)[:, 0])
-    return swept[0], swept[1]
-
-
-_LEVELS = np.linspace(0, 1, 2049)
-_TO_LINEAR = np.where(_LEVELS <= 0.04045, _LEVELS / 12.92, ((_LEVELS + 0.055) / 1.055) ** 2.4)
-_TO_CODE = np.where(_LEVELS**2 <= 0.0031308, _LEVELS**2 * 12.92, 1.055 * _LEVELS ** (2 / 2.4) - 0.055)
 _BGR_TO_YCC = np.array(
     [
         [0.114, 0.587, 0.299],
@@ -319,15 +239,351 @@ _BGR_TO_YCC = np.array(
 _YCC_TO_BGR = np.linalg.inv(_BGR_TO_YCC)
 
 
-def to_linear(code: npt.NDArray[np.floating]) -> FloatArray:
-    """Linear light 0..1 of code values 0..1, by the sRGB curve (IEC 61966-2-1), from a table."""
-    return _TO_LINEAR[(np.clip(code, 0, 1) * 2048 + 0.5).astype(np.intp)]  # type: ignore[no-any-return]
+@inner
+def _sample(y, u, v, grid, outline, normal, place, deep_steps, out):
+    """Luma and chroma (3, M, N), code values 0..1, at outline + place * normal, straight from the planes; the first
+    `deep_steps` places only tell what colour the marker has."""
+    to_ycc = np.zeros((3, 4))
+    for c in range(3):
+        for k in range(3):
+            for m in range(4):
+                to_ycc[c, m] += _BGR_TO_YCC[c, k] * grid[4 + 4 * k + m] / 255.0
+    sx, sy, ox, oy = 1.0 / grid[0], 1.0 / grid[1], grid[2], grid[3]
+    halved = grid[0] > 1.0
+    for k in range(len(place)):
+        for n in range(len(outline)):
+            x, row = outline[n, 0] + place[k] * normal[n, 0], outline[n, 1] + place[k] * normal[n, 1]
+            out[0, k, n] = level_at(y, x, row)
+            x, row = (x - ox) * sx, (row - oy) * sy
+            if halved and k >= deep_steps:
+                out[1, k, n], out[2, k, n] = soft_levels_at(u, v, x, row)
+            else:
+                out[1, k, n], out[2, k, n] = level_at(u, x, row), level_at(v, x, row)
+    m = to_ycc.astype(np.float32)
+    for k in range(len(place)):
+        for n in range(len(outline)):
+            luma, cb, cr = out[0, k, n], out[1, k, n], out[2, k, n]
+            for c in range(3):
+                out[c, k, n] = m[c, 0] * luma + m[c, 1] * cb + m[c, 2] * cr + m[c, 3]
 
 
-def to_code(linear: npt.NDArray[np.floating]) -> FloatArray:
-    """Code values 0..1 of linear light 0..1; the table runs over the square root, which is nearly even in code."""
-    return _TO_CODE[(np.sqrt(np.clip(linear, 0, 1)) * 2048 + 0.5).astype(np.intp)]  # type: ignore[no-any-return]
+@inner
+def _levels(samples, place, depth, beyond, r_px, colour_in, colour_out):
+    """Mean colours (3, N) inside, just deeper than `depth`, and outside, beyond `beyond` and at the last two places."""
+    places, count = samples.shape[1:]
+    inner_count, outer_count = np.zeros(count, np.float32), np.zeros(count, np.float32)
+    band = np.float32(0.15 * r_px + 0.5)
+    for k in range(places):
+        last = k >= places - 2
+        for n in range(count):
+            own = np.float32(_deep(place[k], depth[n], r_px) and place[k] > -depth[n] - band)
+            other = np.float32(last or place[k] > beyond[n])
+            inner_count[n] += own
+            outer_count[n] += other
+            for c in range(3):
+                colour_in[c, n] += own * samples[c, k, n]
+                colour_out[c, n] += other * samples[c, k, n]
+    for c in range(3):
+        for n in range(count):
+            colour_in[c, n] /= max(inner_count[n], np.float32(1.0))
+            colour_out[c, n] /= max(outer_count[n], np.float32(1.0))
 
 
-def _to_bgr(ycc: FloatArray) -> FloatArray:
-    return ycc @ _YCC_TO_BGR.T
+@inner
+def _deep(place, depth, r_px):
+    """Whether a place on a ray lies on the marker, clear of the edge and of the other side."""
+    return -0.9 * r_px < place < -depth
+
+
+@inner
+def _directions(samples, place, depth, r_px, inside, colour_in, colour_out, balance, chroma, direction):
+    """For each ray the colour direction (3, N) that tells marker from background.
+
+    What may vary without being an edge is the background's texture and the marker's own shading. A direction that is
+    blind to both (Fisher's discriminant) sees a coloured marker's edge whatever the light does to it.
+    """
+    places, count = samples.shape[1:]
+    within, inverse, reference = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    weight, column = np.empty((places, count), np.float32), np.empty(count, np.float32)
+    rays, on_marker = 0.0, 0.0
+    for n in range(count):
+        rays += inside[n]
+        for k in range(places):
+            weight[k, n] = inside[n] * np.float32(_deep(place[k], depth[n], r_px))
+            on_marker += weight[k, n]
+    mean_out, mean_in = np.zeros(3), np.zeros(3)
+    for a in range(3):
+        for n in range(count):
+            mean_out[a] += inside[n] * colour_out[a, n] / rays
+        for k in range(places):
+            part = np.float32(0.0)
+            for n in range(count):
+                part += weight[k, n] * samples[a, k, n]
+            mean_in[a] += part / max(on_marker, 1.0)
+    for a in range(3):
+        for b in range(a, 3):
+            texture, shading = 0.0, 0.0
+            for n in range(count):
+                texture += inside[n] * (colour_out[a, n] - mean_out[a]) * (colour_out[b, n] - mean_out[b])
+            mean_a, mean_b = np.float32(mean_in[a]), np.float32(mean_in[b])
+            for k in range(places):
+                part = np.float32(0.0)
+                for n in range(count):
+                    part += weight[k, n] * (samples[a, k, n] - mean_a) * (samples[b, k, n] - mean_b)
+                shading += part
+            within[a, b] = within[b, a] = 0.25 * texture / rays + 0.2 * shading / max(on_marker, 1.0)
+        within[a, a] += balance * balance
+        some = 0
+        for n in range(count):
+            if inside[n] > 0.0:
+                column[some] = colour_in[a, n]
+                some += 1
+        reference[a] = middle(column, some)
+    inverse3(within, inverse)
+    for n in range(count):
+        off0, off1, off2 = (
+            reference[0] - colour_out[0, n],
+            reference[1] - colour_out[1, n],
+            reference[2] - colour_out[2, n],
+        )
+        d0 = inverse[0, 0] * off0 + inverse[0, 1] * off1 + inverse[0, 2] * off2
+        d1 = inverse[1, 0] * off0 + inverse[1, 1] * off1 + inverse[1, 2] * off2 if chroma else 0.0
+        d2 = inverse[2, 0] * off0 + inverse[2, 1] * off1 + inverse[2, 2] * off2 if chroma else 0.0
+        length = math.sqrt(max(d0 * d0 + d1 * d1 + d2 * d2, 1e-24))
+        direction[0, n], direction[1, n], direction[2, n] = d0 / length, d1 / length, d2 / length
+
+
+@inner
+def _set_limb(luma, place, r_px, depth, inside, v_first, fine, limb):
+    """How the marker darkens (or brightens) towards its limb: `limb` (V, N) against the distance from the edge,
+    relative to each ray's mean over the places just deeper than `depth`.
+
+    A matt ball lit from all around the camera follows A + C nz, nz the normal's share towards the camera. One C for
+    all rays, each with its own brightness, is fitted by ridge to all places on the marker, twice, highlights left out
+    the second time. What differs from ray to ray is left to the free level of each: carrying it on to the limb was
+    tried with spherical harmonics and moved the centre by 0.1 px.
+    """
+    count = luma.shape[1]
+    places = 0  # those on the marker come first
+    while places < len(place) and place[places] < 0.0:
+        places += 1
+    nz = np.empty(places, np.float32)
+    keep, light = np.empty((places, count), np.float32), np.empty((places, count), np.float32)
+    for k in range(places):
+        nz[k] = _towards(place[k], r_px)
+        for n in range(count):
+            keep[k, n] = inside[n] * np.float32(_deep(place[k], depth[n], r_px))
+            light[k, n] = to_linear(luma[k, n])
+    own, level, mean_nz = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+    rest = np.empty(places * count, np.float32)
+    slope = np.float32(0.0)
+    for turn in range(2):
+        own[:] = 0.0
+        level[:] = 0.0
+        mean_nz[:] = 0.0
+        for k in range(places):
+            for n in range(count):
+                own[n] += keep[k, n]
+                level[n] += keep[k, n] * light[k, n]
+                mean_nz[n] += keep[k, n] * nz[k]
+        both, squares, total = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        for n in range(count):
+            of_ray = max(own[n], np.float32(1.0))
+            level[n], mean_nz[n] = max(level[n] / of_ray, np.float32(1e-6)), mean_nz[n] / of_ray
+            total += own[n]
+        for k in range(places):
+            for n in range(count):
+                off_nz = keep[k, n] * (nz[k] - mean_nz[n])
+                both += off_nz * (light[k, n] / level[n] - np.float32(1.0))
+                squares += off_nz * off_nz
+        slope = both / (squares + np.float32(0.02) * total + np.float32(1e-9))
+        if turn == 1 or total < 24.0:
+            break
+        some = 0
+        for k in range(places):
+            for n in range(count):
+                if keep[k, n] > 0.0:
+                    off = light[k, n] / level[n] - np.float32(1.0) - slope * (nz[k] - mean_nz[n])
+                    rest[some] = abs(off)
+                    some += 1
+        most = np.float32(2.5 * max(1.48 * middle(rest, some), 0.02))
+        for k in range(places):
+            for n in range(count):
+                off = light[k, n] / level[n] - np.float32(1.0) - slope * (nz[k] - mean_nz[n])
+                keep[k, n] *= np.float32(abs(off) < most)
+    here, own_close = np.zeros(count, np.float32), np.zeros(count, np.float32)
+    band = np.float32(0.15 * r_px + 0.5)
+    for k in range(places):
+        for n in range(count):
+            close = np.float32(_deep(place[k], depth[n], r_px) and place[k] > -depth[n] - band)
+            own_close[n] += close
+            here[n] += close * nz[k]
+    for n in range(count):
+        here[n] = here[n] / max(own_close[n], np.float32(1.0)) - mean_nz[n]
+        here[n] = max(np.float32(1.0) + slope * here[n], np.float32(0.1))
+    for k in range(len(limb)):
+        limb_nz = np.float32(_towards(v_first + k * fine, r_px))
+        for n in range(count):
+            value = (np.float32(1.0) + slope * (limb_nz - mean_nz[n])) / here[n]
+            limb[k, n] = min(max(value, np.float32(0.1)), np.float32(4.0))
+
+
+@inner
+def _towards(place, r_px):
+    """The share of a sphere's normal towards the camera at a place on a ray across its outline; 0 outside."""
+    depth = min(max(1.0 + place / r_px, 0.0), 1.0)
+    return math.sqrt(1.0 - depth * depth)
+
+
+@inner
+def _set_shape(v_first, fine, limb, colour_in, colour_out, direction, across, along, r_px, sigma, chroma_sigma, shape):
+    """What video shows along each ray (V, N) of an edge at 0, marker on the negative side, seen along `direction`.
+
+    Light mixes linearly under the lens blur and the motion, then the camera's curve is applied, then chroma is blurred
+    once more by its half resolution. Mixing coded values instead would shift the edge towards the darker side.
+    """
+    length, count = limb.shape
+    # Blur moves a curved edge inwards by sigma^2 / 2r: by the lens here, by the chroma further down.
+    inwards = sigma * sigma / (2.0 * r_px)
+    row, light = np.empty((length, count), np.float32), np.empty((length, count), np.float32)
+    cover, step = np.empty((length, 1), np.float32), np.empty((length, 1), np.float32)
+    for k in range(length):
+        step[k, 0] = min(max(0.5 - (v_first + k * fine + inwards) / fine, 0.0), 1.0)
+        for n in range(count):
+            row[k, n] = step[k, 0] * limb[k, n]
+    lens = _taps(sigma / fine)
+    _blur(step, lens, cover)
+    _blur(row, lens, light)
+    dark = np.empty((length, count), np.float32)
+    for k in range(length):
+        for n in range(count):
+            dark[k, n] = cover[k, 0]
+    column = np.empty((2, length + 1))
+    _sweep(dark, across, along, fine, r_px, column)
+    _sweep(light, across, along, fine, r_px, column)
+    linear_in, linear_out = np.empty((3, count), np.float32), np.empty((3, count), np.float32)
+    of_luma, of_chroma = np.empty((3, count), np.float32), np.empty((3, count), np.float32)
+    for n in range(count):
+        for c in range(3):
+            inner_code, outer_code = 0.0, 0.0
+            for k in range(3):
+                inner_code += _YCC_TO_BGR[c, k] * colour_in[k, n]
+                outer_code += _YCC_TO_BGR[c, k] * colour_out[k, n]
+            linear_in[c, n], linear_out[c, n] = to_linear(inner_code), to_linear(outer_code)
+            # How much of each code value goes into what is seen along the direction, by luma and by chroma.
+            of_luma[c, n] = direction[0, n] * _BGR_TO_YCC[0, c]
+            of_chroma[c, n] = direction[1, n] * _BGR_TO_YCC[1, c] + direction[2, n] * _BGR_TO_YCC[2, c]
+    chroma = np.empty((length, count), np.float32)
+    level = np.empty(count, np.int32)
+    for k in range(length):
+        for n in range(count):
+            shape[k, n] = chroma[k, n] = 0.0
+        for c in range(3):
+            for n in range(count):
+                mixed = light[k, n] * linear_in[c, n] + (np.float32(1.0) - dark[k, n]) * linear_out[c, n]
+                level[n] = np.int32(math.sqrt(min(max(mixed, np.float32(0.0)), np.float32(1.0))) * _SCALE + _HALF)
+            for n in range(count):
+                code = _TO_CODE[level[n]]
+                shape[k, n] += of_luma[c, n] * code
+                chroma[k, n] += of_chroma[c, n] * code
+    _blur(chroma, _taps(chroma_sigma / fine), row)
+    # 1.5: on small discs chroma comes further in than a Gaussian alone would bring it (its samples are means of boxes).
+    part = np.float32(min(1.0, 1.5 * chroma_sigma * chroma_sigma / (2.0 * r_px) / fine))
+    for k in range(length):
+        following = min(k + 1, length - 1)
+        for n in range(count):
+            shape[k, n] += row[k, n] + part * (row[following, n] - row[k, n])
+    for k in range(length):
+        for n in range(count):
+            shape[k, n] -= shape[length - 1, n]
+
+
+@inner
+def _taps(sigma):
+    """A Gaussian of `sigma` samples, out to three of them."""
+    half = int(math.ceil(3.0 * sigma))
+    taps = np.empty(2 * half + 1, np.float32)
+    total = 0.0
+    for k in range(2 * half + 1):
+        taps[k] = math.exp(-0.5 * ((k - half) / sigma) ** 2)
+        total += taps[k]
+    return taps / np.float32(total)
+
+
+@inner
+def _blur(rows, taps, out):
+    """Each column of (V, N) under the taps; its ends repeat."""
+    length, count = rows.shape
+    half = len(taps) // 2
+    for k in range(length):
+        for n in range(count):
+            out[k, n] = 0.0
+        for t in range(len(taps)):
+            tap, source = taps[t], rows[min(max(k + t - half, 0), length - 1)]
+            for n in range(count):
+                out[k, n] += tap * source[n]
+
+
+@inner
+def _sweep(rows, across, along, fine, r_px, column):
+    """Each column of (V, N) averaged over the exposure, in place; `across` and `along` (N,) are the blur in pixels.
+
+    At time t in [-1/2, 1/2] of the exposure the outline lies t * across - (t * along)^2 / 2r further out: a mean over
+    `across`, from a running sum, about a place that lies along^2 / 24r further in. `column` (2, V + 1) is scratch.
+    """
+    length, count = rows.shape
+    for n in range(count):
+        if across[n] * across[n] + along[n] * along[n] < fine * fine:
+            continue
+        column[1, 0] = 0.0
+        for k in range(length):
+            column[0, k] = rows[k, n]
+            column[1, k + 1] = column[1, k] + column[0, k]  # up to a sample's right side
+        half = max(abs(across[n]) / fine, 1.0) / 2.0
+        inwards = along[n] * along[n] / (24.0 * r_px * fine)
+        for k in range(length):
+            centre = k + 0.5 + inwards
+            low = min(max(centre - half, 0.0), length - 1.0)
+            high = min(max(centre + half, 1.0), length - 1e-6)
+            i, j = int(low), int(high)
+            upper = column[1, j] + (high - j) * column[0, j]
+            rows[k, n] = (upper - column[1, i] - (low - i) * column[0, i]) / (high - low)
+
+
+@inner
+def _own_colour(y, u, v, grid, x, row, limits):
+    """Whether a third of the nine pixels around a place have the marker's colours."""
+    own = 0
+    for i in range(-1, 2):
+        for j in range(-1, 2):
+            blue, green, red = bgr_at(y, u, v, grid, x + j, row + i)
+            hue, saturation, value = hsv_of(clipped(blue), clipped(green), clipped(red))
+            own += in_box(limits, hue, saturation, value)
+    return own >= 3
+
+
+_LEVELS = np.linspace(0, 1, 2049)
+_TO_LINEAR = np.where(_LEVELS <= 0.04045, _LEVELS / 12.92, ((_LEVELS + 0.055) / 1.055) ** 2.4).astype(np.float32)
+_TO_CODE = np.where(_LEVELS**2 <= 0.0031308, _LEVELS**2 * 12.92, 1.055 * _LEVELS ** (2 / 2.4) - 0.055).astype(
+    np.float32
+)
+"""Code values 0..1 of linear light 0..1; the table runs over the square root, which is nearly even in code."""
+_SCALE, _HALF = np.float32(2048.0), np.float32(0.5)
+
+
+@inner
+def to_linear(code):
+    """Linear light 0..1 of a code value 0..1, by the sRGB curve (IEC 61966-2-1), from a table."""
+    return _TO_LINEAR[int(min(max(code, 0.0), 1.0) * 2048.0 + 0.5)]
+
+
+@kernel(
+    None, PLANE, PLANE, PLANE, GRID, array(F8, 2), F8, F8, F8, F8, array(F8, 1), F8, array(F8, 1), BOOL,
+    F8[:, ::1], F8[::1], F8[::1], F8[::1],
+)  # fmt: skip
+def _find_edges(
+    y, u, v, grid, outline, r_px, reach_px, blur_x, blur_y, limits, sigma, params, coarse, points, sd, ray, offset
+):
+    return edges_into(
+        y, u, v, grid, outline, r_px, reach_px, blur_x, blur_y, limits, sigma, params, coarse, points, sd, ray, offset
+    )

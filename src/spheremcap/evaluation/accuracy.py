@@ -2,10 +2,10 @@
 trackers.
 """
 
-import multiprocessing
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from spheremcap.evaluation.metrics import (
 from spheremcap.evaluation.protocol import (
     VOT_BURN_IN_FRAMES,
     VOT_SKIP_FRAMES,
+    Film,
     Run,
     Trial,
     chain_methods,
@@ -52,13 +53,12 @@ def accuracy(lab: Lab) -> Result:
     rows: dict[str, Score] = {}
     statuses = [["", *(f"{s.value} %" for s in Status), "frames"]]
     faults = [["", "failures at", "false accepts at", "missed at", "came back at (+ frames until measured)"]]
-    for trial in lab.trials() + lab.clip_trials():
+    trials = lab.trials() + lab.clip_trials()
+    for trial, (scores, counted) in zip(trials, lab.each(_alone, trials), strict=True):
         lab.tell(f"accuracy: {trial.name}")
-        run = run_alone(trial)
-        scores = score_run(trial, run)
         for marker, one, compared in _by_marker(trial, scores):
             rows[marker] = one
-            said = Counter(e.status for e in run.estimates if e.marker == compared.marker)
+            said = counted[compared.marker]
             statuses.append([marker, *(f"{100 * said[s] / said.total():.1f}" for s in Status), str(said.total())])
             back = [f"{frame} (+{'never' if wait is None else wait})" for frame, wait in reacquisitions(compared)]
             faults.append(
@@ -102,21 +102,22 @@ def accuracy(lab: Lab) -> Result:
     )
 
 
+def _alone(trial: Trial) -> tuple[Scores, dict[str, Counter[Status]]]:
+    """The scores of the chain alone on a trial, and how often it said what, by marker."""
+    run = run_alone(trial)
+    said = {name: Counter(e.status for e in run.estimates if e.marker == name) for name in trial.markers}
+    return score_run(trial, run), said
+
+
 def peers(lab: Lab) -> Result:
     """Chain, colour blob and OpenCV's trackers, seeded again at each failure, on the same frames."""
     trials = lab.trials() + lab.clip_trials()
     folder = lab.folder / "peers"
     scores: dict[str, dict[str, Score]] = {}
     vot: dict[str, dict[str, tuple[float | None, int]]] = {}
-    for trial in trials:
+    for trial, both in zip(trials, lab.each(partial(_duel, folder=folder), trials), strict=True):
         lab.tell(f"peers: {trial.name}")
-        scores[trial.name] = {}
-        vot[trial.name] = {}
-        for method, run in _runs(trial, folder, 1).items():
-            scores[trial.name][method] = score_run(trial, run).overall
-        for method, run in _runs(trial, folder, VOT_SKIP_FRAMES, "-vot").items():
-            settled = score_run(trial, run, VOT_BURN_IN_FRAMES).overall.accuracy_visible_pct
-            vot[trial.name][method] = settled, score_run(trial, run).overall.failures
+        scores[trial.name], vot[trial.name] = both
     methods = list(dict.fromkeys(name for row in scores.values() for name in row))
     duel = [["", *methods, "best peer", "better"]]
     for name, row in scores.items():
@@ -164,11 +165,22 @@ def peers(lab: Lab) -> Result:
     )
 
 
-def _runs(trial: Trial, folder: Path, skip_frames: int, suffix: str = "") -> dict[str, Run]:
+def _duel(trial: Trial, folder: Path) -> tuple[dict[str, Score], dict[str, tuple[float | None, int]]]:
+    """Every method's score of one trial by the thesis' protocol, and accuracy in % and failures by VOT's."""
+    film = Film(trial)
+    scores = {method: score_run(trial, run).overall for method, run in _runs(trial, film, folder, 1).items()}
+    vot = {}
+    for method, run in _runs(trial, film, folder, VOT_SKIP_FRAMES, "-vot").items():
+        settled = score_run(trial, run, VOT_BURN_IN_FRAMES).overall.accuracy_visible_pct
+        vot[method] = settled, score_run(trial, run).overall.failures
+    return scores, vot
+
+
+def _runs(trial: Trial, film: Film, folder: Path, skip_frames: int, suffix: str = "") -> dict[str, Run]:
     """Every method's run of one trial: chain and blob are run here, the others read from their CSVs."""
     runs = {
-        CHAIN: run_reseeded(trial, chain_methods(trial), skip_frames),
-        BLOB: run_reseeded(trial, {name: BlobTracker(name) for name in trial.markers}, skip_frames),
+        CHAIN: run_reseeded(trial, chain_methods(trial), skip_frames, film),
+        BLOB: run_reseeded(trial, {name: BlobTracker(name) for name in trial.markers}, skip_frames, film),
     }
     for peer in PEERS:
         path = folder / trial.name / f"{peer}{suffix}.csv"
@@ -237,23 +249,11 @@ def variants(base: ChainConfig) -> Mapping[str, ChainConfig]:
 def ablation(lab: Lab) -> Result:
     """What each stage is worth: the chain alone without it, over all sessions."""
     trials = lab.trials()
-    base = trials[0].settings.chain
-    cameras: dict[str, dict[str, Any]] = {
-        "exposure time learnt": {"exposure_s": 0.0},
-        "readout time learnt": {"readout_s": None},
-        "rolling shutter taken for a global one": {"readout_s": 0.0},
-    }
-    names = [*variants(base), *cameras]
-    rows: dict[str, list[Scores]] = {name: [] for name in names}
-    with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as workers:
-        for trial in trials:
-            lab.tell(f"ablation: {trial.name}")
-            runs = [_with_settings(trial, chain=config) for config in variants(trial.settings.chain).values()]
-            for change in cameras.values():
-                camera = trial.settings.camera.model_copy(update=change)
-                runs.append(_with_settings(trial, camera=camera))
-            for name, one in zip(names, workers.map(_scored, runs), strict=True):
-                rows[name].append(one)
+    rows: dict[str, list[Scores]] = {name: [] for name in _rows(trials[0])}
+    for trial, found in zip(trials, lab.each(_ablated, trials), strict=True):
+        lab.tell(f"ablation: {trial.name}")
+        for name, one in found.items():
+            rows[name].append(one)
     heading = "accuracy % | of visible % | failures | false accepts | missed % | centre median px | 3D mm | "
     cells = [["", *(heading + "range bias % | requests").split(" | ")]]
     for name, scores in rows.items():
@@ -284,13 +284,27 @@ def ablation(lab: Lab) -> Result:
     )
 
 
-def _scored(trial: Trial) -> Scores:
-    return score_run(trial, run_alone(trial))
+def _rows(trial: Trial) -> dict[str, Trial]:
+    """The trial with the settings of each of the ablation's rows."""
+
+    def changed(**settings: Any) -> Trial:
+        return replace(trial, settings=trial.settings.model_copy(update=settings))
+
+    def told(**camera: Any) -> Trial:
+        return changed(camera=trial.settings.camera.model_copy(update=camera))
+
+    return {
+        **{name: changed(chain=config) for name, config in variants(trial.settings.chain).items()},
+        "exposure time learnt": told(exposure_s=0.0),
+        "readout time learnt": told(readout_s=None),
+        "rolling shutter taken for a global one": told(readout_s=0.0),
+    }
 
 
-def _with_settings(trial: Trial, **changes: Any) -> Trial:
-    settings = trial.settings.model_copy(update=changes)
-    return Trial(trial.name, trial.video, settings, trial.seeds, trial.truth)
+def _ablated(trial: Trial) -> dict[str, Scores]:
+    """The scores of every row on one trial, whose video is decoded once."""
+    film = Film(trial)
+    return {name: score_run(row, run_alone(row, frames=film)) for name, row in _rows(trial).items()}
 
 
 def _requests(scores: Scores) -> int:

@@ -39,7 +39,9 @@ class BlobTracker:
         """The largest blob of the colour; LOST when there is none."""
         hsv = cv2.cvtColor(frame.full, cv2.COLOR_BGR2HSV)
         turned = (np.arange(256) - self._hue + 90) % 180
-        hsv[..., 0] = np.clip(np.rint(turned), 0, 255).astype(np.uint8)[hsv[..., 0]]
+        table = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+        table[:, 0] = np.clip(np.rint(turned), 0, 255)
+        hsv = cv2.LUT(hsv, table[None])
         mask = cv2.inRange(hsv, tuple(map(float, self._low)), tuple(map(float, self._high)))
         mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)

@@ -1,5 +1,6 @@
 """RGB box, HSV box and ColorSmartBoundary on the same pixels (figures 2.8 to 2.11, eq 2.26)."""
 
+from functools import partial
 from typing import Any
 
 import cv2
@@ -29,9 +30,11 @@ def colours(lab: Lab) -> Result:
     cells = [heading]
     means: dict[str, list[float]] = {name: [] for name in BOXES}
     shown: Image | None = None
-    for trial in lab.trials():
+    trials = lab.trials()
+    found = lab.each(partial(_learn_and_count, most=5 if lab.quick else 20), trials)
+    for trial, learnt in zip(trials, found, strict=True):
         lab.tell(f"colours: {trial.name}")
-        for marker, pixels, counts, volumes in _learn_and_count(trial, 5 if lab.quick else 20):
+        for marker, pixels, counts, volumes in learnt:
             line = [f"{trial.name}: {marker}"]
             for name in BOXES:
                 right, marked, true = counts[name]

@@ -1,7 +1,11 @@
 """The Hough optimisation of the thesis' section 2.4.1: the best (dp, minDist, param1, param2) by eq 2.19."""
 
+import os
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +19,7 @@ from spheremcap.detection.hough import HoughConfig, hough_circles
 from spheremcap.errors import OutputError, UsageError
 from spheremcap.evaluation.lab import Lab
 from spheremcap.evaluation.metrics import TruthRow
+from spheremcap.evaluation.protocol import Trial
 from spheremcap.evaluation.result import Plot, Result, Table
 from spheremcap.evaluation.tracks import read_truth
 from spheremcap.io.video import VideoSource
@@ -80,11 +85,15 @@ def hough_samples(frames: Iterable[Frame], truth: Sequence[TruthRow], most: int 
 
 def hough_error(samples: Sequence[Sample], config: HoughConfig) -> float:
     """Mean of eq 2.19, 1 - Dice, of the circle with most votes; 1 where none is found."""
-    total = 0.0
+    return sum(_errors(samples, config)) / len(samples)
+
+
+def _errors(samples: Sequence[Sample], config: HoughConfig) -> list[float]:
+    errors = []
     for sample in samples:
         found = hough_circles(sample.patch, sample.expected, config)
-        total += 1 - (found[0].dice(sample.circle) if found else 0.0)
-    return total / len(samples)
+        errors.append(1 - (found[0].dice(sample.circle) if found else 0.0))
+    return errors
 
 
 def tune(
@@ -111,15 +120,20 @@ def tune(
         ]
     tried: list[tuple[dict[str, float], float]] = []
     total = len(points) + draws
+    cores = os.cpu_count() or 1
+    size = -(-len(samples) // cores)
+    parts = [samples[k : k + size] for k in range(0, len(samples), size)]
+    with ThreadPoolExecutor(cores) as threads:  # the transform lets them run side by side
 
-    def attempt(point: dict[str, float]) -> None:
-        tried.append((point, hough_error(samples, base.model_copy(update=point))))
-        tell(len(tried), total)
+        def attempt(point: dict[str, float]) -> None:
+            found = threads.map(_errors, parts, repeat(base.model_copy(update=point)))
+            tried.append((point, sum(error for part in found for error in part) / len(samples)))
+            tell(len(tried), total)
 
-    for point in points:
-        attempt(point)
-    for k in range(draws):
-        attempt(_draw(rng) if k < draws // 2 else _near(min(tried, key=lambda t: t[1])[0], rng))
+        for point in points:
+            attempt(point)
+        for k in range(draws):
+            attempt(_draw(rng) if k < draws // 2 else _near(min(tried, key=lambda t: t[1])[0], rng))
     point, error = min(tried, key=lambda t: t[1])
     return Tuned(base.model_copy(update=point), error, tried[0][1], tuple(tried), len(samples), len(points))
 
@@ -173,14 +187,17 @@ def tune_hough(
     return tuned
 
 
+def _samples(trial: Trial, most: int) -> list[Sample]:
+    return hough_samples(trial.frames(), trial.truth, most)
+
+
 def hough(lab: Lab) -> Result:
     """Grid and Monte Carlo over the four parameters, on rendered frames of every scenario."""
     samples: list[Sample] = []
     tests: list[Sample] = []
     trials = lab.trials()
     most = 10 if lab.quick else max(4, 480 // len(trials))
-    for trial in trials:
-        found = hough_samples(trial.frames(), trial.truth, most)
+    for found in lab.each(partial(_samples, most=most), trials):
         samples, tests = samples + found[::2], tests + found[1::2]
     lab.tell(f"hough: {len(samples)} samples")
     tuned = tune(samples, 10 if lab.quick else 300, grid=not lab.quick)

@@ -1,13 +1,22 @@
 """Where experiments find their sessions and keep what they found."""
 
+import multiprocessing
+import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from spheremcap.errors import UsageError
 from spheremcap.evaluation.protocol import Trial, load_trial, load_trials
 from spheremcap.synth import names, render
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+_MOST_WORKERS = 8
+"""Each may keep a whole video in memory (`protocol.Film`), so there is one a core and never more than these."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +55,16 @@ class Lab:
                 raise UsageError(f"unknown scenario {unknown[0]!r}; there are: {', '.join(names())}")
             wanted = [name for name in wanted if name in self.only] or list(self.only)
         return [self.trial(name) for name in wanted]
+
+    @staticmethod
+    def each(function: Callable[[Item], Answer], items: Sequence[Item]) -> Iterator[Answer]:
+        """What `function` makes of each item, in the items' order, in processes side by side; both must pickle."""
+        workers = min(os.cpu_count() or 1, len(items), _MOST_WORKERS)
+        if workers < 2:
+            yield from map(function, items)
+            return
+        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+            yield from pool.map(function, items)
 
     def clip_trials(self) -> list[Trial]:
         """The real clips; none when no folder was given."""

@@ -3,8 +3,10 @@ clipping.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -54,12 +56,11 @@ def illumination(lab: Lab) -> Result:
     colours = dict(list(COLOURS.items())[: 2 if lab.quick else None])
     by_gain = np.full((len(colours), len(gains), 2), np.nan)  # accuracy over visible frames %, measured %
     by_offset = np.full((len(colours), len(offsets), 2), np.nan)
-    for c, (name, colour) in enumerate(colours.items()):
-        pictures, truth, scene = _poses(colour, poses)
-        for out, levels, make in ((by_gain, gains, gain_lut), (by_offset, offsets, offset_lut)):
-            lab.tell(f"illumination: {name}, {'gain' if make is gain_lut else 'offset'}")
-            for k, level in enumerate(levels):
-                out[c, k] = _follow(pictures, truth, scene, make(float(level)))
+    luts = [gain_lut(float(level)) for level in gains] + [offset_lut(float(level)) for level in offsets]
+    found = lab.each(partial(_under, luts=luts, poses=poses), list(colours.values()))
+    for c, (name, rows) in enumerate(zip(colours, found, strict=True)):
+        lab.tell(f"illumination: {name}")
+        by_gain[c], by_offset[c] = rows[: len(gains)], rows[len(gains) :]
 
     def cells(levels: Levels, values: npt.NDArray[np.float64], form: str) -> list[list[str]]:
         rows = [["level", *colours, "mean", "measured, mean %"]]
@@ -98,12 +99,18 @@ def illumination(lab: Lab) -> Result:
     )
 
 
+def _under(colour: tuple[int, int, int], luts: list[Lut], poses: int) -> list[tuple[float, float]]:
+    """What `_follow` finds of a ball of this colour with each table of brightness."""
+    pictures, truth, scene = _poses(colour, poses)
+    return [_follow(pictures, truth, scene, lut) for lut in luts]
+
+
 def _poses(colour: tuple[int, int, int], count: int) -> tuple[list[BgrImage], list[TruthRow], Scene]:
     """Pictures of a ball of this colour as "clean" has it, not encoded, and their truth."""
     world = build("clean", frames=count)
     scene = Scene(replace(world, balls=(replace(world.balls[0], colour=colour),)))
     pictures, rows = [], []
-    for index, (picture, _, truths) in enumerate(scene.frames()):
+    for index, (picture, _, truths) in enumerate(scene.frames(workers=1)):
         pictures.append(picture)
         rows.append(TruthRow("marker", index, truths[0].circle, truths[0].xyz_cam_m, truths[0].visible))
     return pictures, rows, scene
@@ -120,7 +127,10 @@ def _follow(pictures: list[BgrImage], truth: list[TruthRow], scene: Scene, lut: 
         scene.camera, [MarkerSpec("marker")], [Seed("marker", 0, whole)], ChainConfig(),
         exposure_s=scene.world.sensor.exposure_s, readout_s=scene.world.sensor.readout_s,
     )  # fmt: skip
-    frames = (BgrFrame(k, scene.stamp_ns(k), lut[picture]) for k, picture in enumerate(pictures))
+    frames = (
+        BgrFrame(k, scene.stamp_ns(k), np.asarray(cv2.LUT(picture, lut), np.uint8))
+        for k, picture in enumerate(pictures)
+    )
     estimates: list[MarkerEstimate] = [e for result in session.run(frames) for e in result.estimates]
     row = score([compare(truth, estimates, "marker")])
     return row.accuracy_visible_pct or 0.0, 100 * row.measured_frames / max(1, row.frames)

@@ -4,6 +4,7 @@ thesis.
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -70,6 +71,33 @@ class Trial:
         """The video's frames in order."""
         with VideoSource(self.video, packets=False) as source:
             yield from source.frames()
+
+
+class Film:
+    """A trial's frames, decoded once and then kept, to be gone through again and again.
+
+    Every pass gets frames of its own, so what a method makes and keeps on one (a BGR picture) goes with it. Of a
+    video with more than `most` frames (1.4 MB each at 1280x720) none are kept: it is decoded again for every pass.
+    """
+
+    def __init__(self, trial: Trial, most: int = 720) -> None:
+        self._trial, self._most = trial, most
+        self._kept: list[Frame] | None = None
+
+    def __iter__(self) -> Iterator[Frame]:
+        if self._kept is not None:
+            yield from map(copy, self._kept)
+            return
+        kept: list[Frame] = []
+        count = 0
+        for count, frame in enumerate(self._trial.frames(), 1):
+            if count <= self._most:
+                kept.append(copy(frame))
+            else:
+                kept.clear()
+            yield frame
+        if count <= self._most:
+            self._kept = kept
 
 
 def load_trial(folder: Path) -> Trial:

@@ -1,14 +1,15 @@
 """What single stages do over time: GeometryScale, the Kalman filter and smoother, the six votes."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from spheremcap.core.estimate import MarkerEstimate, Status
+from spheremcap.core.estimate import MarkerEstimate, SmoothedPose, Status
 from spheremcap.evaluation.lab import Lab
-from spheremcap.evaluation.protocol import Trial, chain_methods, run_alone, score_run
+from spheremcap.evaluation.protocol import Film, Trial, chain_methods, run_alone, score_run
 from spheremcap.evaluation.result import Plot, Result, Table
 
 FloatArray = npt.NDArray[np.float64]
@@ -24,6 +25,7 @@ def scale(lab: Lab) -> Result:
     truth = {row.frame_index: row.circle.r_px for row in whole.truth if row.circle is not None}
     proposed: dict[str, tuple[FloatArray, FloatArray]] = {}
     cells = [["", "radius proposed: sd of error %", "worst %", "measured: accuracy %", "radius bias %", "missed %"]]
+    film = Film(whole)
     for name, config, every in (
         ("with GeometryScale", base, 1),
         ("without", without, 1),
@@ -31,7 +33,7 @@ def scale(lab: Lab) -> Result:
         ("without, every 8th frame", without, 8),
     ):
         trial = replace(whole, truth=tuple(row for row in whole.truth if row.frame_index % every == 0))
-        run = run_alone(trial, config, (frame for frame in trial.frames() if frame.index % every == 0))
+        run = run_alone(trial, config, (frame for frame in film if frame.index % every == 0))
         radius = {e.frame_index: r for e in run.estimates if (r := _proposed_radius(e)) is not None}
         frames = np.array(sorted(set(radius) & set(truth)))
         values = np.array([radius[f] for f in frames])
@@ -79,10 +81,10 @@ def kalman(lab: Lab) -> Result:
     """Measured, filtered and smoothed positions and velocities against the truth (figures 3.8, 3.9)."""
     cells = [["", "frames", "measured mm", "filtered mm", "smoothed mm", "filtered m/s", "smoothed m/s"]]
     shown: dict[str, tuple[FloatArray, FloatArray]] = {}
-    for trial in lab.trials(("clean", "blur", "racing", "low-light", "static", "vfr")):
+    trials = lab.trials(("clean", "blur", "racing", "low-light", "static", "vfr"))
+    for trial, found in zip(trials, lab.each(_tracks, trials), strict=True):
         lab.tell(f"kalman: {trial.name}")
-        for marker in trial.markers:
-            tracks = _tracks(trial, marker)
+        for marker, tracks in found.items():
             cells.append([f"{trial.name}: {marker}", str(len(tracks["measured"][0]))])
             for name in ("measured", "filtered", "smoothed"):
                 cells[-1].append(f"{1000 * _rms(tracks[name][1]):.3f}" if len(tracks[name][0]) else "-")
@@ -110,17 +112,22 @@ def kalman(lab: Lab) -> Result:
     )
 
 
-def _tracks(trial: Trial, marker: str) -> dict[str, tuple[FloatArray, FloatArray, FloatArray]]:
-    """By kind: frames (N,), position errors (N, 3) in m and velocity errors (N, 3) in m/s (NaN: none
-    measured).
-    """
-    truth = {row.frame_index: row for row in trial.truth if row.marker == marker}
-    smoothed = {
-        pose.frame_index: pose
-        for result in run_alone(trial).results
-        for pose in result.smoothed
-        if pose.marker == marker
+Errors = dict[str, tuple[FloatArray, FloatArray, FloatArray]]
+"""By kind: frames (N,), position errors (N, 3) in m and velocity errors (N, 3) in m/s (NaN: none measured)."""
+
+
+def _tracks(trial: Trial) -> dict[str, Errors]:
+    """The errors of every marker of a trial."""
+    film = Film(trial)
+    poses = [pose for result in run_alone(trial, frames=film).results for pose in result.smoothed]
+    return {
+        name: _errors(trial, film, name, {pose.frame_index: pose for pose in poses if pose.marker == name})
+        for name in trial.markers
     }
+
+
+def _errors(trial: Trial, film: Film, marker: str, smoothed: Mapping[int, SmoothedPose]) -> Errors:
+    truth = {row.frame_index: row for row in trial.truth if row.marker == marker}
     chain = chain_methods(trial)[marker]
     seed = next(s for s in trial.seeds if s.marker == marker)
     rows: dict[str, list[tuple[int, FloatArray, FloatArray]]] = {
@@ -129,7 +136,7 @@ def _tracks(trial: Trial, marker: str) -> dict[str, tuple[FloatArray, FloatArray
         "smoothed": [],
     }
     nothing = np.full(3, np.nan)
-    for frame in trial.frames():
+    for frame in film:
         if frame.index < seed.frame_index:
             continue
         if frame.index == seed.frame_index:
@@ -165,11 +172,11 @@ def votes(lab: Lab) -> Result:
     """The six votes and their sum over time where the marker is hidden again and again."""
     cells = [["", "visible: median sum", "5 % quantile", "hidden: median sum", "95 % quantile"]]
     plots = []
-    for trial in lab.trials(("total-occlusion", "partial-occlusion", "similar-colour", "blur")):
+    trials = lab.trials(("total-occlusion", "partial-occlusion", "similar-colour", "blur"))
+    for trial, rows in zip(trials, lab.each(_voted, trials), strict=True):
         lab.tell(f"votes: {trial.name}")
         marker = trial.markers[0]
         visible = {row.frame_index: row.visible for row in trial.truth if row.marker == marker}
-        rows = [e for e in run_alone(trial).estimates if e.marker == marker and e.votes]
         sums = np.array([e.vote_sum if e.vote_sum is not None else np.nan for e in rows])
         seen = np.array([visible.get(e.frame_index, np.nan) for e in rows])
         cells.append([trial.name])
@@ -187,6 +194,11 @@ def votes(lab: Lab) -> Result:
         (Table("Sum of the votes by what there is to be seen", cells),),
         tuple(plots),
     )
+
+
+def _voted(trial: Trial) -> list[MarkerEstimate]:
+    """The estimates of a trial's first marker that have votes."""
+    return [e for e in run_alone(trial).estimates if e.marker == trial.markers[0] and e.votes]
 
 
 def _vote_plot(

@@ -1,10 +1,10 @@
-"""Read ahead: the next few items are made in one background thread while the caller works on the current one."""
+"""Work beside the caller in one background thread: the next few items made ahead, or what is done written behind."""
 
 from collections import deque
-from collections.abc import Generator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
-from typing import TypeVar, cast
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing, contextmanager
+from typing import Any, TypeVar, cast
 
 Item = TypeVar("Item")
 
@@ -27,3 +27,27 @@ def ahead(items: Generator[Item, None, None], count: int = AHEAD_FRAMES) -> Gene
                 yield cast(Item, item)
         finally:
             thread.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def in_order(count: int = 2 * AHEAD_FRAMES) -> Iterator[Callable[..., None]]:
+    """Gives what hands calls on to one background thread, which makes them one by one in their order.
+
+    At most `count` calls wait; then handing on waits too. What a call raises comes out at a later one, or at the end,
+    where all calls have been made.
+    """
+    waiting: deque[Future[Any]] = deque()
+
+    def call(function: Callable[..., Any], *arguments: Any) -> None:
+        if len(waiting) >= count:
+            waiting.popleft().result()
+        waiting.append(thread.submit(function, *arguments))
+
+    with ThreadPoolExecutor(1, "behind") as thread:
+        try:
+            yield call
+        except BaseException:
+            thread.shutdown(cancel_futures=True)
+            raise
+        while waiting:
+            waiting.popleft().result()

@@ -15,8 +15,6 @@ from types import TracebackType
 from typing import Any, Literal, Protocol, Self
 from weakref import WeakKeyDictionary
 
-import numpy as np
-import numpy.typing as npt
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
@@ -27,7 +25,7 @@ from spheremcap.core.frame import BgrImage, EncodedPicture
 from spheremcap.core.marker import MarkerSpec
 from spheremcap.errors import OutputError, UsageError
 from spheremcap.io import messages, overlays
-from spheremcap.io.messages import LogLevel, Message
+from spheremcap.io.messages import Fields, LogLevel, Message
 from spheremcap.io.part_file import PartFile, output_error, part_of
 from spheremcap.io.topics import WORLD_FRAME, Topics
 
@@ -361,25 +359,29 @@ class _Trail:
     """A marker's measured positions of the last second, broken wherever it was not measured in between."""
 
     def __init__(self) -> None:
-        self._points: deque[tuple[int, npt.NDArray[np.float64] | None]] = deque()
+        self._stretches: deque[tuple[deque[int], deque[Fields]]] = deque()
 
     def follow(self, estimate: MarkerEstimate, keep: bool) -> None:
         """Take note of a frame; its position is kept only when `keep`, a break always."""
-        points = self._points
+        stretches = self._stretches
         if estimate.xyz_cam_m is None or not estimate.status.measured:
-            if points and points[-1][1] is not None:
-                points.append((estimate.stamp_ns, None))
+            if stretches and stretches[-1][0]:
+                stretches.append((deque(), deque()))
         elif keep:
-            points.append((estimate.stamp_ns, estimate.xyz_cam_m))
-        while points and points[0][0] < estimate.stamp_ns - TRAIL_NS:
-            points.popleft()
+            if not stretches:
+                stretches.append((deque(), deque()))
+            stamps, points = stretches[-1]
+            stamps.append(estimate.stamp_ns)
+            points.append(messages.point(estimate.xyz_cam_m))
+        while stretches:
+            stamps, points = stretches[0]
+            while stamps and stamps[0] < estimate.stamp_ns - TRAIL_NS:
+                stamps.popleft()
+                points.popleft()
+            if stamps:
+                break
+            stretches.popleft()
 
-    def stretches(self) -> list[list[npt.NDArray[np.float64]]]:
-        """The positions, one list for each unbroken stretch."""
-        stretches: list[list[npt.NDArray[np.float64]]] = [[]]
-        for _, xyz in self._points:
-            if xyz is None:
-                stretches.append([])
-            else:
-                stretches[-1].append(xyz)
-        return stretches
+    def stretches(self) -> list[deque[Fields]]:
+        """The positions as the scene takes them, one list for each unbroken stretch."""
+        return [points for _, points in self._stretches]

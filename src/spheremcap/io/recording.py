@@ -60,6 +60,7 @@ class StateRow(NamedTuple):
     status: str
     verdict: str
     proposer: str
+    reasons: str
     numbers: tuple[float, ...]
 
 
@@ -85,10 +86,10 @@ class Track:
     """One marker over time, a row a frame, by rising `stamp_ns`; NaN, "" and frame -1 where there is nothing.
 
     Shapes: (N,) unless said otherwise. `stamp_ns` is the recording's log time. `status` and `verdict` hold
-    the names of Status and Verdict. Circles are (N, 3): x, y, r in pixels. Positions and velocities are (N,
-    3) in the camera's optical frame, metres and metres a second; covariances (N, 3, 3) in m^2. As in
-    MarkerEstimate, circle and position are measured where `measured`, the Kalman filter's where ESTIMATED,
-    absent elsewhere.
+    the names of Status and Verdict, `reasons` what spoke against the claim, as in "colour;no outline". Circles
+    are (N, 3): x, y, r in pixels. Positions and velocities are (N, 3) in the camera's optical frame, metres and
+    metres a second; covariances (N, 3, 3) in m^2. As in MarkerEstimate, circle and position are measured where
+    `measured`, the Kalman filter's where ESTIMATED, absent elsewhere.
     """
 
     marker: str
@@ -97,6 +98,7 @@ class Track:
     status: TextArray
     verdict: TextArray
     proposer: TextArray
+    reasons: TextArray
     circle_px: FloatArray
     circle_sd_px: FloatArray
     claim_px: FloatArray
@@ -137,6 +139,7 @@ class Track:
             "vote_sum": self.vote_sum,
             "verdict": self.verdict,
             "proposer": self.proposer,
+            "reasons": self.reasons,
             "visible": self.visible,
             **_spread("{}_sd_px", "xyr", self.circle_sd_px),
             **_spread("{}_sd_m", "xyz", _deviations(self.covariance_m2)),
@@ -302,7 +305,7 @@ def state_row(data: bytes, stamp_ns: int) -> StateRow:
         m.visible if has("visible") else math.nan,
     )
     status, verdict = _STATUS.get(m.status, ""), _VERDICT.get(m.verdict, "")
-    return StateRow(m.marker, m.frame_index, stamp_ns, status, verdict, m.proposer, numbers)
+    return StateRow(m.marker, m.frame_index, stamp_ns, status, verdict, m.proposer, ";".join(m.reasons), numbers)
 
 
 def match(samples: IntArray, stamps: IntArray, tolerance_ns: int | None = None) -> IntArray:
@@ -446,18 +449,18 @@ class _TrackRows:
 
     def __init__(self) -> None:
         self._stamp, self._frame, self._numbers = array("q"), array("q"), array("d")
-        self._texts: tuple[list[str], ...] = ([], [], [])
+        self._texts: tuple[list[str], ...] = ([], [], [], [])
 
     def add(self, row: StateRow) -> None:
         self._stamp.append(row.stamp_ns)
         self._frame.append(row.frame_index)
         self._numbers.extend(row.numbers)
-        for texts, text in zip(self._texts, (row.status, row.verdict, row.proposer), strict=True):
+        for texts, text in zip(self._texts, (row.status, row.verdict, row.proposer, row.reasons), strict=True):
             texts.append(text)
 
     def track(self, name: str) -> Track:
         numbers = np.frombuffer(self._numbers, np.float64).reshape(-1, _Numbers.count)
-        status, verdict, proposer = (np.array(texts, np.str_) for texts in self._texts)
+        status, verdict, proposer, reasons = (np.array(texts, np.str_) for texts in self._texts)
         n = _Numbers
         square = (-1, 3, 3)
         return Track(
@@ -467,6 +470,7 @@ class _TrackRows:
             status=status,
             verdict=verdict,
             proposer=proposer,
+            reasons=reasons,
             circle_px=numbers[:, n.circle_px],
             circle_sd_px=numbers[:, n.circle_sd_px],
             claim_px=numbers[:, n.claim_px],
@@ -605,6 +609,7 @@ def _request(message: Message) -> OperatorRequest:
         raised_at_frame_index=message.raised_at_frame_index,
         raised_stamp_ns=stamp_of(message.timestamp),
         reason=message.reason,
+        reasons=tuple(message.reasons),
     )
 
 

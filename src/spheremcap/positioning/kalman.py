@@ -1,17 +1,20 @@
-"""Constant-velocity Kalman filter in 3D on true time stamps, with a gate, and its RTS smoother (filterpy).
+"""Constant-velocity Kalman filter in 3D on true time stamps, with a gate (filterpy), and its RTS smoother.
 
 State (x, y, z, vx, vy, vz) in the camera's optical frame, metres and metres a second. Thesis section 3.3.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from filterpy.kalman import KalmanFilter, rts_smoother
+from filterpy.kalman import KalmanFilter
 from pydantic import Field
 from scipy.stats import chi2
 
+from spheremcap.core.compiled import BOOL, F8, array, kernel
+from spheremcap.core.linear import inverse3
 from spheremcap.core.stage import StageConfig
 from spheremcap.core.time import NS_PER_S
 
@@ -60,10 +63,20 @@ class Track3D:
         self._filter.H = np.eye(3, 6)
         self._stamp_ns: int | None = None
         self._widened = 1.0
+        self._updates = 0
+        self._moment: Moment | None = None  # `now`, until it changes
+        self._information: FloatArray = np.eye(3)  # the inverse of the innovation's covariance S, as last asked for
+        self._filter.inv = self._inverse
+        self._asked: tuple[FloatArray, FloatArray, float] | None = None  # about which measurement, and its distance2
 
     @property
     def started(self) -> bool:
         return self._stamp_ns is not None
+
+    @property
+    def moving_known(self) -> bool:
+        """Whether more than one measurement speaks of the velocity; before, it is zero by assumption."""
+        return self._updates > 0
 
     def start(
         self,
@@ -77,71 +90,117 @@ class Track3D:
         self._filter.P = np.zeros((6, 6))
         self._filter.P[:3, :3] = covariance_m2
         self._filter.P[3:, 3:] = np.eye(3) * self.config.start_speed_mps**2
-        self._stamp_ns, self._widened = stamp_ns, 1.0
-
-    def stop(self) -> None:
-        """Forget the state: the marker is lost."""
-        self._stamp_ns = None
+        self._stamp_ns, self._widened, self._asked, self._moment = stamp_ns, 1.0, None, None
+        self._updates = 0 if velocity_cam_mps is None else 1
 
     def predict(self, stamp_ns: int) -> Moment:
         """Move the state to `stamp_ns` and return it. Raises RuntimeError when not started."""
         if self._stamp_ns is None:
             raise RuntimeError("the filter has not been started")
         dt_s = (stamp_ns - self._stamp_ns) / NS_PER_S
-        f, q = transition(dt_s, self.config.acceleration_mps2)
-        if not self.config.enabled:
-            f = np.eye(6)
+        f, q = transition(dt_s, self.config.acceleration_mps2, self.config.enabled)
         self._filter.predict(F=f, Q=q)
-        self._stamp_ns, self._widened = stamp_ns, 1.0
+        self._stamp_ns, self._widened, self._asked, self._moment = stamp_ns, 1.0, None, None
         return self.now
 
     @property
     def now(self) -> Moment:
+        """The state as it is; it does not change afterwards."""
         assert self._stamp_ns is not None
-        return Moment(self._stamp_ns, np.array(self._filter.x).ravel(), np.array(self._filter.P), self._widened)
+        if self._moment is None:
+            self._moment = Moment(self._stamp_ns, self._filter.x, self._filter.P, self._widened)
+        return self._moment
 
     def distance2(self, xyz_cam_m: FloatArray, covariance_m2: FloatArray) -> float:
         """Squared Mahalanobis distance of a measurement from the prediction (normalised innovation squared)."""
-        innovation = xyz_cam_m - np.asarray(self._filter.x).ravel()[:3]
-        return float(innovation @ np.linalg.solve(self._filter.P[:3, :3] + covariance_m2, innovation))
+        if self._asked is None or self._asked[0] is not xyz_cam_m or self._asked[1] is not covariance_m2:
+            found = _distance2(self._filter.x, self._filter.P, xyz_cam_m, covariance_m2, self._information)
+            self._asked = xyz_cam_m, covariance_m2, found
+        return self._asked[2]
 
-    def inside_gate(self, xyz_cam_m: FloatArray, covariance_m2: FloatArray) -> bool:
-        """Whether a measurement is one that `gate_probability` of true ones would resemble."""
-        return self.distance2(xyz_cam_m, covariance_m2) <= self._gate
+    def surprise(self, xyz_cam_m: FloatArray, covariance_m2: FloatArray) -> float:
+        """`distance2` over the gate: above 1, fewer than 1 - `gate_probability` of true measurements are as far off."""
+        return self.distance2(xyz_cam_m, covariance_m2) / self._gate
 
     def update(self, xyz_cam_m: FloatArray, covariance_m2: FloatArray) -> Moment:
         """Take a measurement in at the predicted stamp.
 
         One outside the gate says that the state was surer than it had reason to be: its covariance is widened first.
         """
-        surprise = self.distance2(xyz_cam_m, covariance_m2) / self._gate
+        surprise = self.surprise(xyz_cam_m, covariance_m2)
         if surprise > 1:
             fastest = _FASTEST_MPS**2 / float(np.diag(self._filter.P)[3:].max())
             self._widened = min(surprise, max(1.0, fastest))
-            self._filter.P = self._filter.P * self._widened
+            self._filter.P, self._asked = self._filter.P * self._widened, None
+            self.distance2(xyz_cam_m, covariance_m2)
         self._filter.update(xyz_cam_m, R=covariance_m2)
         self._filter.P = (self._filter.P + self._filter.P.T) / 2
+        self._updates, self._asked, self._moment = self._updates + 1, None, None
         return self.now
 
+    def _inverse(self, spread: FloatArray) -> FloatArray:
+        """What filterpy asks for S^-1: the gate has just worked it out."""
+        return self._information
 
-def transition(dt_s: float, acceleration_mps2: float) -> tuple[FloatArray, FloatArray]:
-    """F and Q (6, 6) of constant velocity over `dt_s` with a random acceleration that is constant in between."""
+
+@kernel(F8, array(F8, 1), array(F8, 2), array(F8, 1), array(F8, 2), F8[:, ::1])
+def _distance2(state, covariance, measured, measured_covariance, information):
+    """y' S^-1 y of the innovation y = z - H x with S = H P H' + R, and S^-1 (3, 3) into `information`."""
+    spread = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            spread[i, j] = covariance[i, j] + measured_covariance[i, j]
+    inverse3(spread, information)
+    total = 0.0
+    for i in range(3):
+        for j in range(3):
+            total += (measured[i] - state[i]) * information[i, j] * (measured[j] - state[j])
+    return total
+
+
+@lru_cache(maxsize=256)
+def transition(dt_s: float, acceleration_mps2: float, moving: bool = True) -> tuple[FloatArray, FloatArray]:
+    """F and Q (6, 6) of constant velocity over `dt_s` with a random acceleration that is constant in between; not
+    `moving`: F of a marker that stays where it is. Kept and shared, so not to be written to."""
     f = np.eye(6)
-    f[:3, 3:] = np.eye(3) * dt_s
+    if moving:
+        f[:3, 3:] = np.eye(3) * dt_s
     gain = np.concatenate([np.eye(3) * (dt_s * dt_s / 2), np.eye(3) * dt_s])
-    return f, gain @ gain.T * acceleration_mps2**2
+    q = gain @ gain.T * acceleration_mps2**2
+    f.flags.writeable = q.flags.writeable = False
+    return f, q
 
 
-def smooth(moments: list[Moment], acceleration_mps2: float) -> list[Moment]:
-    """Rauch-Tung-Striebel smoothing of filtered moments in order of time (filterpy's rts_smoother)."""
+def smooth(moments: Sequence[Moment], acceleration_mps2: float, moving: bool = True) -> list[Moment]:
+    """Rauch-Tung-Striebel smoothing (Rauch, Tung, Striebel 1965) of filtered moments in order of time."""
     if len(moments) < 2:
         return list(moments)
-    steps = []
-    for a, b in pairwise(moments):
-        f, q = transition((b.stamp_ns - a.stamp_ns) / NS_PER_S, acceleration_mps2)
-        steps.append((f, q + (b.widened - 1) * (f @ a.covariance @ f.T + q)))
-    fs, qs = zip(*steps, steps[-1], strict=True)  # step k leads from k to k + 1; the last is never used
-    states, covariances, _, _ = rts_smoother(
-        np.array([m.state for m in moments]), np.array([m.covariance for m in moments]), list(fs), list(qs)
-    )
-    return [Moment(m.stamp_ns, x, (p + p.T) / 2) for m, x, p in zip(moments, states, covariances, strict=True)]
+    stamps = [m.stamp_ns for m in moments]
+    dt_s = np.diff(stamps) / NS_PER_S
+    states, covariances = np.array([m.state for m in moments]), np.array([m.covariance for m in moments])
+    _smooth(states, covariances, dt_s, np.array([m.widened for m in moments]), acceleration_mps2, moving)
+    return [Moment(stamp, x, p) for stamp, x, p in zip(stamps, states, covariances, strict=True)]
+
+
+@kernel(None, F8[:, ::1], F8[:, :, ::1], array(F8, 1), array(F8, 1), F8, BOOL)
+def _smooth(states, covariances, dt_s, widened, acceleration_mps2, moving):
+    """Backwards over states (N, 6) and covariances (N, 6, 6), in place; `dt_s` (N - 1,) between them.
+
+    Where the filter's prediction of moment k + 1 was widened, the process noise of that step is what widened it.
+    """
+    noise = np.empty((6, 6))
+    step = np.eye(6)
+    for k in range(len(dt_s) - 1, -1, -1):
+        dt = dt_s[k]
+        noise[:] = 0.0
+        for i in range(3):
+            step[i, 3 + i] = dt if moving else 0.0
+            noise[i, i] = 0.25 * dt * dt * dt * dt * acceleration_mps2 * acceleration_mps2
+            noise[i, 3 + i] = noise[3 + i, i] = 0.5 * dt * dt * dt * acceleration_mps2 * acceleration_mps2
+            noise[3 + i, 3 + i] = dt * dt * acceleration_mps2 * acceleration_mps2
+        forward = step @ covariances[k]  # F P
+        predicted = (forward @ step.T + noise) * widened[k + 1]
+        gain = np.ascontiguousarray(np.linalg.solve(predicted, forward).T)  # P F' (F P F' + Q)^-1
+        states[k] += gain @ (states[k + 1] - step @ states[k])
+        better = covariances[k] + gain @ np.ascontiguousarray((covariances[k + 1] - predicted) @ gain.T)
+        covariances[k] = 0.5 * (better + better.T)

@@ -5,7 +5,6 @@ Everything is in the camera's optical frame (x right, y down, z forward), metres
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -14,6 +13,9 @@ from pydantic import Field
 
 from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
+from spheremcap.core.compiled import BOOL, F8, I8, array, finite, inner, kernel
+from spheremcap.core.lens import normal_of, pixel_of
+from spheremcap.core.linear import inverse3, middle
 from spheremcap.core.stage import StageConfig
 
 FloatArray = npt.NDArray[np.float64]
@@ -48,75 +50,168 @@ class SphereFit:
     outside_rad: FloatArray
 
 
+_F1, _F2 = array(F8, 1), array(F8, 2)
+_CIRCLE_POINTS = 24  # of an outline, for the circle that has its area
+
+
+# -- the outline of a sphere ----------------------------------------------------------------------------------
+
+
+@inner
+def set_rays(x, y, z, radius_m, out):
+    """Fill `out` (count, 3) with unit rays tangent to the sphere at (x, y, z), evenly spread around its axis."""
+    count = len(out)
+    distance = math.sqrt(x * x + y * y + z * z)
+    sin_a = radius_m / distance
+    cos_a = math.sqrt(1.0 - sin_a * sin_a)
+    x, y, z = x / distance, y / distance, z / distance
+    # u lies in the picture's x direction and v in y, so that ray 0 leaves to the right and they run clockwise.
+    flat = math.sqrt(x * x + z * z)
+    ux, uz = z / flat, -x / flat
+    vx, vy, vz = -x * y / flat, flat, -y * z / flat  # axis x u
+    step = 2.0 * math.pi / count
+    for k in range(count):
+        c, s = sin_a * math.cos(k * step), sin_a * math.sin(k * step)
+        out[k, 0] = cos_a * x + c * ux + s * vx
+        out[k, 1] = cos_a * y + s * vy
+        out[k, 2] = cos_a * z + c * uz + s * vz
+
+
+@inner
+def set_outline(x, y, z, radius_m, camera, out):
+    """Fill `out` (count, 2) with the outline's picture points, pixels; False when a part of it has no pixel."""
+    rays = np.empty((len(out), 3))
+    set_rays(x, y, z, radius_m, rays)
+    for k in range(len(out)):
+        out[k, 0], out[k, 1] = pixel_of(camera, rays[k, 0], rays[k, 1], rays[k, 2])
+        if not finite(out[k, 0]):
+            return False
+    return True
+
+
+@inner
+def circle_of_polygon(points):
+    """Centre and radius of the circle with a closed polygon's area and centroid; its corners (N, 2)."""
+    count = len(points)
+    x0, y0 = 0.0, 0.0
+    for k in range(count):
+        x0 += points[k, 0] / count
+        y0 += points[k, 1] / count
+    double_area, cx, cy = 0.0, 0.0, 0.0
+    for k in range(count):
+        n = k + 1 if k + 1 < count else 0
+        x, y, xn, yn = points[k, 0] - x0, points[k, 1] - y0, points[n, 0] - x0, points[n, 1] - y0
+        cross = x * yn - xn * y
+        double_area += cross
+        cx += (x + xn) * cross
+        cy += (y + yn) * cross
+    # A regular N-gon inside a circle has (N / 2 pi) sin(2 pi / N) of its area.
+    step = 2.0 * math.pi / count
+    r = math.sqrt(abs(double_area) / 2.0 / (math.sin(step) / step) / math.pi)
+    return x0 + cx / (3.0 * double_area), y0 + cy / (3.0 * double_area), r
+
+
+@inner
+def circle_at(x, y, z, radius_m, camera):
+    """The equal-area circle of a sphere's image, pixels; NaN when there is none."""
+    if not z > radius_m * 1.01:
+        return np.nan, np.nan, np.nan
+    points = np.empty((_CIRCLE_POINTS, 2))
+    if not set_outline(x, y, z, radius_m, camera, points):
+        return np.nan, np.nan, np.nan
+    return circle_of_polygon(points)
+
+
+@inner
+def sphere_at(x_px, y_px, r_px, radius_m, camera):
+    """The sphere's centre from an outline's area and centre (Penne, Ribbens, Roios, IJCV 2019); NaN where the lens
+    model has no rays."""
+    points = np.empty((_CIRCLE_POINTS, 2))
+    for k in range(_CIRCLE_POINTS):
+        phi = k * (2.0 * math.pi / _CIRCLE_POINTS)
+        points[k, 0], points[k, 1] = normal_of(camera, x_px + r_px * math.cos(phi), y_px + r_px * math.sin(phi))
+    cx, cy, flat_r = circle_of_polygon(points)
+    s = flat_r * flat_r
+    # The one positive root, by Newton's method from above, where the cubic is convex: u = s on the axis.
+    k, s2, u = 1.0 + cx * cx + cy * cy, s * s, max(s, 1e-12)
+    for _ in range(50):
+        step = (u * u * u + k * u * u - s2 * u - s2) / (3.0 * u * u + 2.0 * k * u - s2)
+        u -= step
+        if not abs(step) >= 1e-15 * u:
+            break
+    z = radius_m * math.sqrt(1.0 + 1.0 / u)
+    share = (z * z - radius_m * radius_m) / z
+    return cx * share, cy * share, z
+
+
+@kernel(None, F8, F8, F8, F8, I8)
+def _rays(x, y, z, radius_m, count):
+    out = np.empty((count, 3))
+    set_rays(x, y, z, radius_m, out)
+    return out
+
+
+@kernel(None, F8, F8, F8, F8, _F1)
+def _circle_at(x, y, z, radius_m, camera):
+    return circle_at(x, y, z, radius_m, camera)
+
+
+@kernel(None, _F1, F8, _F1)
+def _moving_circle(state, radius_m, camera):
+    x, y, r = circle_at(state[0], state[1], state[2], radius_m, camera)
+    half_s = 0.5e-4
+    ax, ay = pixel_of(camera, state[0] - half_s * state[3], state[1] - half_s * state[4], state[2] - half_s * state[5])
+    bx, by = pixel_of(camera, state[0] + half_s * state[3], state[1] + half_s * state[4], state[2] + half_s * state[5])
+    return x, y, r, (bx - ax) / (2.0 * half_s), (by - ay) / (2.0 * half_s)
+
+
+@kernel(None, F8, F8, F8, F8, _F1)
+def _sphere_at(x_px, y_px, r_px, radius_m, camera):
+    return sphere_at(x_px, y_px, r_px, radius_m, camera)
+
+
+@kernel(None, _F2)
+def _circle_of_polygon(points):
+    return circle_of_polygon(points)
+
+
 def outline_rays(xyz_cam_m: FloatArray, radius_m: float, count: int) -> FloatArray:
     """Unit rays (count, 3) tangent to the sphere, evenly spread around its axis. Needs |xyz| > radius."""
-    distance = math.sqrt(float(xyz_cam_m @ xyz_cam_m))
-    axis = xyz_cam_m / distance
-    sin_a = radius_m / distance
-    cos_a = math.sqrt(1 - sin_a * sin_a)
-    # u lies in the picture's x direction and v in y, so that ray 0 leaves to the right and they run clockwise.
-    x, y, z = axis.tolist()
-    flat = math.hypot(x, z)
-    u = np.array([z / flat, 0.0, -x / flat])
-    v = np.array([-x * y / flat, flat, -y * z / flat])  # axis x u
-    return cos_a * axis + sin_a * (_around(count) @ np.stack([u, v]))
-
-
-@lru_cache(maxsize=16)
-def _around(count: int) -> FloatArray:
-    """Cosine and sine (count, 2) of evenly spaced angles."""
-    phi = np.arange(count) * (2 * np.pi / count)
-    return np.stack([np.cos(phi), np.sin(phi)], axis=1)
+    return _rays(*xyz_cam_m.tolist(), radius_m, count)
 
 
 def outline_px(xyz_cam_m: FloatArray, radius_m: float, camera: Camera, count: int = 72) -> FloatArray:
-    """The sphere's outline as picture points (count, 2) in pixels, through the lens."""
+    """The sphere's outline as picture points (count, 2) in pixels, through the lens; NaN where it has no pixel."""
     return camera.project(outline_rays(xyz_cam_m, radius_m, count))
 
 
 def polygon_circle(points_px: FloatArray) -> Circle:
     """The circle with the area and the centroid of a closed polygon (N, 2): an outline's equal-area circle."""
-    x, y = points_px[:, 0], points_px[:, 1]
-    x0, y0 = x.mean(), y.mean()
-    x, y = x - x0, y - y0
-    xn, yn = np.append(x[1:], x[:1]), np.append(y[1:], y[:1])
-    cross = x * yn - xn * y
-    area = cross.sum() / 2
-    # A regular N-gon inside a circle has (N / 2 pi) sin(2 pi / N) of its area.
-    step = 2 * math.pi / len(x)
-    share = math.sin(step) / step
-    cx, cy = ((x + xn) * cross).sum() / (6 * area), ((y + yn) * cross).sum() / (6 * area)
-    return Circle(float(cx + x0), float(cy + y0), math.sqrt(abs(area) / share / math.pi))
+    return Circle(*_circle_of_polygon(np.ascontiguousarray(points_px, np.float64)))
 
 
 def circle_of_sphere(xyz_cam_m: FloatArray, radius_m: float, camera: Camera) -> Circle | None:
-    """The equal-area circle of the sphere's image, in pixels; None when the sphere is not wholly before the camera."""
-    if xyz_cam_m[2] <= radius_m * 1.01:
-        return None
-    points = outline_px(xyz_cam_m, radius_m, camera, 24)
-    return polygon_circle(points) if np.isfinite(points).all() else None
+    """The equal-area circle of the sphere's image, in pixels; None when the sphere is not wholly before the camera or
+    reaches out of what the lens model holds for."""
+    x, y, r = _circle_at(*xyz_cam_m.tolist(), radius_m, camera.params)
+    return None if math.isnan(r) else Circle(x, y, r)
+
+
+def image_of_moving(state: FloatArray, radius_m: float, camera: Camera) -> tuple[Circle, FloatArray] | None:
+    """The equal-area circle of a sphere's image and its velocity (2,) in px/s; `state` (6,) is place and velocity in
+    the optical frame. None when there is no such circle."""
+    x, y, r, rate_x, rate_y = _moving_circle(state, radius_m, camera.params)
+    return None if math.isnan(r + rate_x) else (Circle(x, y, r), np.array([rate_x, rate_y]))
 
 
 def sphere_of_circle(circle: Circle, radius_m: float, camera: Camera) -> FloatArray:
     """The sphere's centre (3,) from an outline's area and centre (Penne, Ribbens, Roios, IJCV 2019).
 
     u^3 + (1 + |c|^2) u^2 - s^2 u - s^2 = 0 with u = b^2, b the semi-minor axis, pi s the area and c the centre of the
-    outline in undistorted normalised coordinates; Z = R sqrt(1 + 1/u), (X, Y) = c (Z^2 - R^2) / Z.
+    outline in undistorted normalised coordinates; Z = R sqrt(1 + 1/u), (X, Y) = c (Z^2 - R^2) / Z. NaN where the lens
+    model has no rays.
     """
-    points = circle.r_px * _around(24) + (circle.x_px, circle.y_px)
-    flat = polygon_circle(camera.normalise(points))
-    c = np.array([flat.x_px, flat.y_px])
-    s = flat.r_px**2
-    # The one positive root, by Newton's method from above, where the cubic is convex: u = s on the axis.
-    k, s2, u = 1.0 + float(c @ c), s * s, max(s, 1e-12)
-    for _ in range(50):
-        step = (u * u * u + k * u * u - s2 * u - s2) / (3 * u * u + 2 * k * u - s2)
-        u -= step
-        if abs(step) < 1e-15 * u:
-            break
-    z = radius_m * math.sqrt(1 + 1 / u)
-    xy = c * (z * z - radius_m**2) / z
-    return np.array([xy[0], xy[1], z])
+    return np.array(_sphere_at(circle.x_px, circle.y_px, circle.r_px, radius_m, camera.params))
 
 
 def thesis_position(circle: Circle, size_m: float, constant_px: float, camera: Camera) -> FloatArray:
@@ -126,17 +221,176 @@ def thesis_position(circle: Circle, size_m: float, constant_px: float, camera: C
     return np.array([x * depth_m, y * depth_m, depth_m])
 
 
-def fit_cone(rays: FloatArray, weights: FloatArray, radius_m: float) -> FloatArray:
-    """The sphere's centre (3,) by weighted least squares on n . q_i = 1 (docs/method.md 4c); closed form.
+# -- the sphere of an outline ---------------------------------------------------------------------------------
 
-    Raises numpy.linalg.LinAlgError when the rays lie in one plane through the camera.
+_TRIPLES = np.random.default_rng(0).random((48, 3))
+
+
+@inner
+def _set_residuals(rays, centre, radius_m, residual, jacobian):
+    """Angle of each ray outside the tangent cone (N,), radians, and its derivative by the centre (N, 3), rad/m."""
+    distance = math.sqrt(centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2])
+    ax, ay, az = centre[0] / distance, centre[1] / distance, centre[2] / distance
+    ratio = min(radius_m / distance, 0.999999)
+    cos_a = math.sqrt(1.0 - ratio * ratio)
+    deeper = ratio / distance / cos_a
+    for k in range(len(rays)):
+        x, y, z = rays[k, 0], rays[k, 1], rays[k, 2]
+        along = x * ax + y * ay + z * az
+        sin_psi = math.sqrt(max(1.0 - along * along, 1e-24))
+        off = sin_psi * cos_a - along * ratio  # the sine of the angle outside
+        if abs(off) < 0.03:  # its series, to 1e-12
+            square = off * off
+            residual[k] = off * (1.0 + square * (1.0 / 6.0 + square * (3.0 / 40.0 + square * (5.0 / 112.0))))
+        else:
+            residual[k] = math.atan2(sin_psi, along) - math.asin(ratio)
+        share = 1.0 / (distance * sin_psi)
+        jacobian[k, 0] = ax * deeper - (x - along * ax) * share
+        jacobian[k, 1] = ay * deeper - (y - along * ay) * share
+        jacobian[k, 2] = az * deeper - (z - along * az) * share
+
+
+@inner
+def _best_start(rays, sd_rad, radius_m, start, hold, out):
+    """The centre of the cone through three rays that most rays agree with, or the start when none beats it.
+
+    Random sample consensus (Torr and Zisserman 2000) over 48 fixed triples, a third of the outline apart on average;
+    a cone whose distance is far from the start's counts for less when that is to be held (`hold`, NaN for not).
     """
-    scaled = rays * weights[:, None]
-    n = np.linalg.solve(scaled.T @ rays, scaled.sum(axis=0))
-    length = float(np.linalg.norm(n))  # 1 / cos(alpha)
-    cos_a = 1 / length
-    sin_a = math.sqrt(max(1e-18, 1 - cos_a * cos_a))
-    return (n / length) * (radius_m / sin_a)
+    count = len(rays)
+    out[0], out[1], out[2] = start[0], start[1], start[2]
+    if count < 9:
+        return
+    held = math.sqrt(start[0] * start[0] + start[1] * start[1] + start[2] * start[2])
+    usual = middle(sd_rad.copy(), count)
+    softer = np.empty(count)
+    for k in range(count):
+        softer[k] = 1.0 / (4.0 * max(sd_rad[k], usual))
+    # n . q = cos(angle to axis) / cos(alpha): its excess over 1 is the angle times tan(alpha). The start goes first.
+    root = math.sqrt(held * held - radius_m * radius_m)
+    most, best_n = -1.0, np.empty(3)
+    n = start / root
+    for number in range(len(_TRIPLES) + 1):
+        if number > 0:
+            a = int(_TRIPLES[number - 1, 0] * count)
+            b = (a + int((0.2 + 0.25 * _TRIPLES[number - 1, 1]) * count)) % count
+            c = (b + int((0.2 + 0.25 * _TRIPLES[number - 1, 2]) * count)) % count
+            ax, ay, az = rays[a, 0], rays[a, 1], rays[a, 2]
+            bx, by, bz = rays[b, 0], rays[b, 1], rays[b, 2]
+            cx, cy, cz = rays[c, 0], rays[c, 1], rays[c, 2]
+            ux, uy, uz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+            vx, vy, vz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
+            wx, wy, wz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            det = ax * ux + ay * uy + az * uz
+            if abs(det) < 1e-15:
+                return
+            n[0], n[1], n[2] = (ux + vx + wx) / det, (uy + vy + wy) / det, (uz + vz + wz) / det
+        length = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        if not length > 1.0 + 1e-9:
+            continue
+        cos_a = 1.0 / length
+        sin_a = math.sqrt(1.0 - cos_a * cos_a)
+        gain = cos_a / sin_a
+        agreed = 0.0
+        for k in range(count):
+            off = (n[0] * rays[k, 0] + n[1] * rays[k, 1] + n[2] * rays[k, 2] - 1.0) * gain * softer[k]
+            agreed += 1.0 / (1.0 + off * off)
+        if not math.isnan(hold):
+            far = math.log(radius_m / sin_a / held) / (6.0 * hold)
+            agreed /= 1.0 + far * far
+        if agreed > most:
+            most = agreed
+            scale = radius_m / sin_a / length
+            best_n[0], best_n[1], best_n[2] = n[0] * scale, n[1] * scale, n[2] * scale
+            if number > 0:
+                out[0], out[1], out[2] = best_n[0], best_n[1], best_n[2]
+
+
+@inner
+def fit_rays(
+    rays, sd_rad, radius_m, start, loose, rounds, imperfection, hold, near, centre, covariance, weights, outside
+):
+    """`fit_sphere` into the arrays `centre` (3,), `covariance` (3, 3), `weights` and `outside` (N,); False for None.
+    `hold` is NaN when nothing is held."""
+    count = len(rays)
+    if near:
+        centre[0], centre[1], centre[2] = start[0], start[1], start[2]
+    else:
+        _best_start(rays, sd_rad, radius_m, start, hold, centre)
+    held = math.sqrt(start[0] * start[0] + start[1] * start[1] + start[2] * start[2])
+    loose = max(loose, 3.0)
+    fall = (3.0 / loose) ** (1.0 / max(1, rounds - 3))
+    jacobian, sizes, sd = np.empty((count, 3)), np.empty(count), np.empty(count)
+    information, gradient, step = np.empty((3, 3)), np.empty(3), np.empty(3)
+    scale = loose
+    for number in range(rounds):
+        if number >= rounds - 2:
+            scale = 3.0
+        _set_residuals(rays, centre, radius_m, outside, jacobian)
+        length = math.sqrt(centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2])
+        for k in range(count):
+            sizes[k] = abs(outside[k])
+        wider = min(1.48 * middle(sizes, count), imperfection * radius_m / length)
+        gx, gy, gz, xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(count):
+            sd[k] = max(sd_rad[k], wider)
+            sharp = 1.0 / sd[k]
+            off = outside[k] * sharp
+            softened = 1.0 / (1.0 + (off / scale) * (off / scale))
+            weights[k] = softened * softened
+            jx, jy, jz = jacobian[k, 0] * sharp, jacobian[k, 1] * sharp, jacobian[k, 2] * sharp
+            wx, wy, wz = weights[k] * jx, weights[k] * jy, weights[k] * jz
+            gx, gy, gz = gx + wx * off, gy + wy * off, gz + wz * off
+            xx, xy, xz = xx + wx * jx, xy + wx * jy, xz + wx * jz
+            yy, yz, zz = yy + wy * jy, yz + wy * jz, zz + wz * jz
+        information[0, 0], information[0, 1], information[0, 2] = xx, xy, xz
+        information[1, 1], information[1, 2], information[2, 2] = yy, yz, zz
+        gradient[0], gradient[1], gradient[2] = gx, gy, gz
+        if not math.isnan(hold) and number < rounds - 2:
+            deviation = hold * held
+            for i in range(3):
+                gradient[i] += centre[i] / length * (length - held) / (deviation * deviation)
+                for j in range(i, 3):
+                    information[i, j] += centre[i] * centre[j] / (length * length) / (deviation * deviation)
+        for i in range(3):
+            for j in range(i):
+                information[i, j] = information[j, i]
+        if inverse3(information, covariance) == 0.0:
+            return False
+        for i in range(3):
+            step[i] = covariance[i, 0] * gradient[0] + covariance[i, 1] * gradient[1] + covariance[i, 2] * gradient[2]
+        size = math.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
+        part = min(1.0, 0.3 * length / max(1e-12, size))
+        for i in range(3):
+            centre[i] -= part * step[i]
+        if not (centre[2] > radius_m and finite(centre[0]) and finite(centre[1])):
+            return False
+        scale *= fall
+    _set_residuals(rays, centre, radius_m, outside, jacobian)
+    effective, spread = 0.0, 0.0
+    for k in range(count):
+        effective += weights[k]
+        spread += weights[k] * (outside[k] / sd[k]) ** 2
+    if not effective >= 5.0:
+        return False
+    wider = max(1.0, spread / max(1.0, effective - 3.0))
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] *= wider
+    return True
+
+
+@kernel(None, _F2, _F1, F8, _F1, F8, I8, F8, F8, BOOL)
+def _fit_sphere(rays, sd_rad, radius_m, start, loose, rounds, imperfection, hold, near):
+    centre, covariance = np.empty(3), np.empty((3, 3))
+    weights, outside = np.empty(len(rays)), np.empty(len(rays))
+    found = fit_rays(
+        rays, sd_rad, radius_m, start, loose, rounds, imperfection, hold, near, centre, covariance, weights, outside
+    )
+    return found, centre, covariance, weights, outside
+
+
+FIT_ROUNDS, IMPERFECTION = 5, 0.03
 
 
 def fit_sphere(
@@ -145,8 +399,8 @@ def fit_sphere(
     radius_m: float,
     start_m: FloatArray,
     loose: float = 3.0,
-    rounds: int = 5,
-    imperfection: float = 0.03,
+    rounds: int = FIT_ROUNDS,
+    imperfection: float = IMPERFECTION,
     hold: float | None = None,
     near: bool = False,
 ) -> SphereFit | None:
@@ -160,97 +414,11 @@ def fit_sphere(
 
     `hold` keeps the distance near that of `start_m`, with this relative deviation, while the weights settle: the
     straight edge of an occluder then loses its say instead of shrinking the circle. The last rounds are free of it.
-    `near` says
-    that the start is close and no other cone needs to be looked for.
+    `near` says that the start is close and no other cone needs to be looked for.
     """
-    centre = start_m.astype(np.float64) if near else _best_start(rays, sd_rad, radius_m, start_m, hold)
-    weights = np.ones(len(rays))
-    fall = (3.0 / max(loose, 3.0)) ** (1 / max(1, rounds - 3))
-    scales = [*(max(loose, 3.0) * fall**k for k in range(rounds - 2)), 3.0, 3.0]
-    information, sd = np.zeros((3, 3)), sd_rad
-    held_m = math.sqrt(float(start_m @ start_m))
-    for number, scale in enumerate(scales):
-        residual, jacobian = _cone_residual(rays, centre, radius_m)
-        length = math.sqrt(float(centre @ centre))
-        usual = float(np.partition(np.abs(residual), len(residual) // 2)[len(residual) // 2])
-        sd = np.maximum(sd_rad, min(1.48 * usual, imperfection * radius_m / length))
-        residual, jacobian = residual / sd, jacobian / sd[:, None]
-        weights = 1.0 / (1.0 + (residual / scale) ** 2) ** 2
-        weighted = jacobian * weights[:, None]
-        information = weighted.T @ jacobian
-        gradient = weighted.T @ residual
-        if hold is not None and number < rounds - 2:
-            axis, deviation_m = centre / length, hold * held_m
-            information = information + np.outer(axis, axis) / deviation_m**2
-            gradient = gradient + axis * ((length - held_m) / deviation_m**2)
-        try:
-            step = np.linalg.solve(information, gradient)
-        except np.linalg.LinAlgError:
-            return None
-        step *= min(1.0, 0.3 * length / max(1e-12, math.sqrt(float(step @ step))))
-        centre = centre - step
-        if centre[2] <= radius_m or not np.isfinite(centre).all():
-            return None
-    outside = _cone_residual(rays, centre, radius_m)[0]
-    effective = float(weights.sum())
-    if effective < 5:
-        return None
-    spread = float((weights * (outside / sd) ** 2).sum()) / max(1.0, effective - 3)
-    covariance = np.linalg.inv(information) * max(1.0, spread)
-    return SphereFit(centre, covariance.astype(np.float64), weights, outside)
-
-
-_TRIPLES = np.random.default_rng(0).random((48, 3))
-
-
-def _best_start(
-    rays: FloatArray, sd_rad: FloatArray, radius_m: float, start_m: FloatArray, hold: float | None
-) -> FloatArray:
-    """The cone through three rays that most rays agree with, or the start (3,) when none beats it.
-
-    Random sample consensus (Torr and Zisserman 2000) over 48 fixed triples, a third of the outline apart on average;
-    a cone whose distance is far from the start's counts for less when that is to be held.
-    """
-    count = len(rays)
-    first = (_TRIPLES[:, 0] * count).astype(np.intp)
-    gaps = 0.2 + 0.25 * _TRIPLES[:, 1:]
-    second = (first + (gaps[:, 0] * count).astype(np.intp)) % count
-    third = (second + (gaps[:, 1] * count).astype(np.intp)) % count
-    corners = rays[np.stack([first, second, third], axis=1)]  # (48, 3, 3)
-    if count < 9 or np.abs(np.linalg.det(corners)).min() < 1e-15:
-        return start_m.astype(np.float64)
-    normals = np.linalg.solve(corners, np.ones((len(corners), 3, 1)))[..., 0]
-    own = start_m / math.sqrt(float(start_m @ start_m) - radius_m**2) / math.sqrt(float(start_m @ start_m))
-    normals = np.concatenate([(own * math.sqrt(float(start_m @ start_m)))[None], normals])
-    lengths = np.sqrt((normals * normals).sum(axis=1))
-    valid = lengths > 1 + 1e-9
-    # n . q = cos(angle to axis) / cos(alpha): its excess over 1 is the angle times tan(alpha).
-    cos_a = 1 / np.maximum(lengths, 1 + 1e-9)
-    sin_a = np.sqrt(1 - cos_a * cos_a)
-    off = (
-        (normals @ rays.T - 1)
-        * (cos_a / sin_a)[:, None]
-        / (4 * np.maximum(sd_rad, np.partition(sd_rad, count // 2)[count // 2]))
-    )
-    agreed = (1 / (1 + off * off)).sum(axis=1)
-    distance = radius_m / sin_a
-    if hold is not None:
-        far = np.log(distance / math.sqrt(float(start_m @ start_m))) / (6 * hold)
-        agreed = agreed / (1 + far * far)
-    best = int(np.where(valid, agreed, 0).argmax())
-    if best == 0:
-        return start_m.astype(np.float64)
-    return normals[best] / lengths[best] * distance[best]
-
-
-def _cone_residual(rays: FloatArray, centre: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray]:
-    """Angle of each ray outside the tangent cone (N,), radians, and its derivative by the centre (N, 3), rad/m."""
-    distance = math.sqrt(float(centre @ centre))
-    axis = centre / distance
-    along = rays @ axis
-    aside = rays - along[:, None] * axis
-    sin_psi = np.sqrt(np.maximum(1 - along * along, 1e-24))
-    ratio = min(radius_m / distance, 0.999999)
-    residual = np.arctan2(sin_psi, along) - math.asin(ratio)
-    jacobian = -aside / (distance * sin_psi)[:, None] + axis * (ratio / distance / math.sqrt(1 - ratio * ratio))
-    return residual, jacobian
+    found, centre, covariance, weights, outside = _fit_sphere(
+        np.ascontiguousarray(rays, np.float64), np.ascontiguousarray(sd_rad, np.float64), radius_m,
+        np.ascontiguousarray(start_m, np.float64), loose, rounds, imperfection,
+        math.nan if hold is None else hold, near,
+    )  # fmt: skip
+    return SphereFit(centre, covariance, weights, outside) if found else None

@@ -11,10 +11,12 @@ from spheremcap.core.camera import Camera
 from spheremcap.core.frame import BgrImage
 from spheremcap.synth.kinematics import JOINTS, chair_to_camera, joint_chair_m, wave
 from spheremcap.synth.parts import Athlete, Backdrop, Vibration
+from spheremcap.synth.pixels import cut, mean_of_four
 
 FloatArray = npt.NDArray[np.float64]
 PHOTOGRAPHS = ("motorcycle", "rocket", "coffee", "chelsea", "astronaut", "brick", "grass", "gravel")
 _MARGIN_PX = 96
+_CIRCLE = np.array([(np.cos(phi), np.sin(phi)) for phi in np.arange(24) * (2 * np.pi / 24)])
 
 
 @cache
@@ -72,23 +74,19 @@ class Canvas:
         """
         first, last = self.shift_px(t_s - exposure_s / 2), self.shift_px(t_s + exposure_s / 2)
         if max(abs(first[0] - last[0]), abs(first[1] - last[1])) < 0.5:
-            return self._cut(*self.shift_px(t_s))
-        ends = [
-            self._cut(first[0] + f * (last[0] - first[0]), first[1] + f * (last[1] - first[1])) for f in (0.25, 0.75)
-        ]
-        return cv2.addWeighted(ends[0], 0.5, ends[1], 0.5, 0)  # type: ignore[return-value]
-
-    def _cut(self, dx: float, dy: float) -> BgrImage:
-        x, y = self.margin[0] - dx, self.margin[1] - dy
-        x = min(max(x, 0.0), 2.0 * self.margin[0] - 1)
-        y = min(max(y, 0.0), 2.0 * self.margin[1] - 1)
-        j, i = int(x), int(y)
-        fx, fy = x - j, y - i
+            places = self._place(*self.shift_px(t_s)) * 2
+        else:
+            (x0, y0), (x1, y1) = first, last
+            places = ()
+            for f in (0.25, 0.75):
+                places += self._place(x0 + f * (x1 - x0), y0 + f * (y1 - y0))
         height, width = self.camera.height_px, self.camera.width_px
-        region = self.image[i : i + height + 1, j : j + width + 1]
-        move = np.array([[1, 0, fx], [0, 1, fy]], np.float64)
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        return cv2.warpAffine(region, move, (width, height), flags=flags)  # type: ignore[return-value]
+        return cut(self.image.reshape(len(self.image), -1), *places, width, height).reshape(height, width, 3)
+
+    def _place(self, dx: float, dy: float) -> tuple[float, ...]:
+        """Where on the canvas the picture's first pixel is when the canvas has moved by (dx, dy)."""
+        x, y = self.margin[0] - dx, self.margin[1] - dy
+        return min(max(x, 0.0), 2.0 * self.margin[0] - 1), min(max(y, 0.0), 2.0 * self.margin[1] - 1)
 
 
 class Body:
@@ -105,15 +103,15 @@ class Body:
         """The picture with the body over it, its blur as the mean of a few instants of the exposure."""
         times = t_s + exposure_s * ((np.arange(self._INSTANTS) + 0.5) / self._INSTANTS - 0.5)
         joints = {name: self._joint(name, times) for name in JOINTS}
-        drawn = []
+        drawn = np.stack([picture] * self._INSTANTS)
         for k in range(self._INSTANTS):
-            drawn.append(self._draw(picture.copy(), {name: (at[k], scale) for name, (at, scale) in joints.items()}))
-        while len(drawn) > 1:
-            drawn = [cv2.addWeighted(a, 0.5, b, 0.5, 0) for a, b in zip(drawn[::2], drawn[1::2], strict=True)]  # type: ignore[misc]
-        return drawn[0]
+            self._draw(drawn[k], {name: (at[k], scale) for name, (at, scale) in joints.items()})
+        return mean_of_four(drawn.reshape(self._INSTANTS, len(picture), -1)).reshape(picture.shape)
 
     def _joint(self, name: str, times_s: FloatArray) -> tuple[FloatArray, float]:
-        """A joint's pixels (T, 2) when the row it is on is exposed, and the pixels in a metre there."""
+        """A joint's pixels (T, 2) when the row it is on is exposed, NaN beyond the lens, and the pixels in a metre
+        there.
+        """
         late = 0.0
         for _ in range(3):
             t = times_s + late
@@ -125,7 +123,7 @@ class Body:
             late = (row - (self.camera.height_px - 1) / 2) * self.row_s
         return pixels, self.camera.fx_px / float(np.linalg.norm(xyz[0]))
 
-    def _draw(self, picture: BgrImage, joints: dict[str, tuple[FloatArray, float]]) -> BgrImage:
+    def _draw(self, picture: BgrImage, joints: dict[str, tuple[FloatArray, float]]) -> None:
         skin, jersey = self.athlete.skin[::-1], self.athlete.jersey[::-1]
         (left, scale), (right, _) = joints["left_shoulder"], joints["right_shoulder"]
         neck = (left + right) / 2
@@ -151,6 +149,8 @@ class Body:
             forearm = wrist[0] - elbow[0]
             hand = wrist[0] + forearm / max(float(np.linalg.norm(forearm)), 1.0) * 0.06 * wrist[1]
             _limb(picture, wrist[0], hand, 0.036 * wrist[1], 0.042 * wrist[1], (34, 30, 30))
+        if not np.isfinite(neck).all():  # beyond the lens
+            return
         head = neck - (0.0, 0.13 * scale)
         axes = np.array([0.075, 0.1]) * scale * 1.15
         for centre, size, colour in (
@@ -169,7 +169,6 @@ class Body:
                 cv2.LINE_AA,
                 4,
             )
-        return picture
 
 
 def _fixed(point: FloatArray) -> tuple[int, int]:
@@ -179,12 +178,12 @@ def _fixed(point: FloatArray) -> tuple[int, int]:
 
 
 def _fill(picture: BgrImage, corners: FloatArray, colour: Sequence[float]) -> None:
-    points = np.rint(np.clip(corners, -4000, 6000) * 16).astype(np.int32)
+    if not np.isfinite(corners).all():  # beyond the lens
+        return
+    points = np.rint(corners.clip(-4000, 6000) * 16).astype(np.int32)
     cv2.fillConvexPoly(picture, cv2.convexHull(points), colour, cv2.LINE_AA, 4)
 
 
 def _limb(picture: BgrImage, p: FloatArray, q: FloatArray, rp: float, rq: float, colour: Sequence[float]) -> None:
     """A tapered capsule from p to q (2,) with the radii rp and rq, in pixels."""
-    phi = np.arange(24) * (2 * np.pi / 24)
-    circle = np.stack([np.cos(phi), np.sin(phi)], axis=1)
-    _fill(picture, np.concatenate([p + rp * circle, q + rq * circle]), colour)
+    _fill(picture, np.concatenate([p + rp * _CIRCLE, q + rq * _CIRCLE]), colour)

@@ -19,12 +19,22 @@ from importlib.resources import files
 import numpy as np
 import numpy.typing as npt
 
+from spheremcap.synth.motion import harmonics
+
 FloatArray = npt.NDArray[np.float64]
 Path = Callable[[FloatArray], FloatArray]
 """Times (N,) in seconds -> positions (N, 3) in metres, optical frame."""
 
 CAMERA_XYZ_CHAIR_M = (1.25, 0.0, 0.30)
 CAMERA_DOWN_RAD = float(np.radians(10.0))
+_CAMERA_AXES = np.array(
+    [
+        [0.0, 1.0, 0.0],  # Looking back, the athlete's left is on the picture's right.
+        [np.sin(CAMERA_DOWN_RAD), 0.0, -np.cos(CAMERA_DOWN_RAD)],
+        [-np.cos(CAMERA_DOWN_RAD), 0.0, -np.sin(CAMERA_DOWN_RAD)],
+    ]
+)
+"""The camera's right, down and forward in the chair's frame."""
 JOINTS = ("left_wrist", "right_wrist", "left_elbow", "right_elbow", "left_shoulder", "right_shoulder")
 LEFT_LAG_S = 0.012
 """How far the mirrored left joints lag behind the right ones: no athlete pushes with both hands at once."""
@@ -52,18 +62,15 @@ def joint_chair_m(name: str, t_s: FloatArray) -> FloatArray:
     left = name.startswith("left_")
     cadence, c0, a, b = _joint(name.replace("left_", "right_"))
     t = np.asarray(t_s, np.float64) - (LEFT_LAG_S if left else 0.0)
-    angle = 2 * np.pi * cadence * np.outer(t, np.arange(1, len(a) + 1))
-    xyz: FloatArray = c0 + np.cos(angle) @ a + np.sin(angle) @ b
-    return xyz * (1.0, -1.0, 1.0) if left else xyz
+    xyz: FloatArray = harmonics(np.ascontiguousarray(t), cadence, c0, a, b)
+    if left:
+        xyz[:, 1] *= -1
+    return xyz
 
 
 def chair_to_camera(xyz_chair_m: FloatArray) -> FloatArray:
     """Positions (N, 3) from the chair's frame to the optical frame of the mounted camera."""
-    sin, cos = np.sin(CAMERA_DOWN_RAD), np.cos(CAMERA_DOWN_RAD)
-    forward = np.array([-cos, 0.0, -sin])
-    right = np.array([0.0, 1.0, 0.0])  # Looking back, the athlete's left is on the picture's right.
-    axes = np.stack([right, np.array([sin, 0.0, -cos]), forward])
-    out: FloatArray = (np.asarray(xyz_chair_m, np.float64) - CAMERA_XYZ_CHAIR_M) @ axes.T
+    out: FloatArray = (np.asarray(xyz_chair_m, np.float64) - CAMERA_XYZ_CHAIR_M) @ _CAMERA_AXES.T
     return out
 
 

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
+from spheremcap.synth.motion import touched
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -21,22 +22,6 @@ class Ellipse:
     a_px: float
     b_px: float
     angle_rad: float
-
-
-def tangent_rays(centre_cam_m: FloatArray, radius_m: float, phi_rad: FloatArray) -> FloatArray:
-    """Unit rays (N, 3) that touch spheres with centres (N, 3), at the angles phi (N,) around their axes."""
-    centre = np.asarray(centre_cam_m, np.float64)
-    distance = np.sqrt(np.einsum("ij,ij->i", centre, centre))[:, None]
-    axis = centre / distance
-    # right = (0, 1, 0) x axis and down = axis x right, both of unit length, written out: np.cross is slow.
-    x, y, z = axis.T
-    across = np.hypot(x, z)
-    right = np.stack([z / across, np.zeros_like(x), -x / across], axis=1)
-    down = np.stack([-x * y / across, across, -y * z / across], axis=1)
-    sin = radius_m / distance
-    cos = np.sqrt(1 - sin * sin)
-    rays: FloatArray = cos * axis + sin * (np.cos(phi_rad)[:, None] * right + np.sin(phi_rad)[:, None] * down)
-    return rays
 
 
 def seen_outline(
@@ -53,12 +38,11 @@ def seen_outline(
     `stamp_s` and every row `row_s` after the one above it. Each outline point is where it is when its row is
     exposed.
     """
-    phi = np.linspace(0, 2 * np.pi, samples, endpoint=False)
     middle = (camera.height_px - 1) / 2
     times = np.full(samples, stamp_s)
     # The image of a point moves far less than one row per row time, so this contracts quickly.
     for _ in range(1 if row_s == 0 else 4):
-        points = camera.project(tangent_rays(centre_at(times), radius_m, phi))
+        points: FloatArray = touched(centre_at(times), radius_m, camera.params)
         times = np.where(np.isfinite(points[:, 1]), stamp_s + (points[:, 1] - middle) * row_s, stamp_s)
     return points
 

@@ -3,12 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from spheremcap.core.camera import Camera
 from spheremcap.synth.kinematics import Path
+from spheremcap.synth.motion import shaken, shaking
 
 FloatArray = npt.NDArray[np.float64]
 Signal = Callable[[FloatArray], FloatArray]
@@ -112,19 +114,16 @@ class Vibration:
         """Positions (N, 3) in the resting camera's frame -> in the shaking camera's frame at times (N,)."""
         if self.rotation_mrad == 0 and self.translation_mm == 0:
             return xyz_cam_m
-        turn, shift = self.at(t_s)
-        (a, b, c), (x, y, z) = turn.T, xyz_cam_m.T
-        out: FloatArray = xyz_cam_m + shift
-        out += np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)  # turn x xyz: the angles are small
-        return out
+        # p + turn x p + shift: the angles are small.
+        return shaken(np.ascontiguousarray(xyz_cam_m), np.ascontiguousarray(t_s), *self._params)
 
     def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rotation vectors (N, 3) in radians and translations (N, 3) in metres at times (N,)."""
-        phase = 2 * np.pi * np.outer(t_s, self.frequencies_hz)
-        weight = 1.0 / np.arange(1, len(self.frequencies_hz) + 1)
-        turn = np.sin(phase[:, None] + np.arange(3)[:, None] * 2.1) @ weight
-        shift = np.sin(phase[:, None] + np.arange(3)[:, None] * 1.3 + 0.7) @ weight
-        return turn * (self.rotation_mrad * 1e-3), shift * (self.translation_mm * 1e-3)
+        return shaking(np.ascontiguousarray(t_s), *self._params)
+
+    @cached_property
+    def _params(self) -> tuple[FloatArray, float, float]:
+        return np.array(self.frequencies_hz, np.float64), self.rotation_mrad * 1e-3, self.translation_mm * 1e-3
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,13 @@ half exposed: position and circle belong together, as seen. Blur does not move i
 mid-exposure, not the streak.
 """
 
-from collections.abc import Iterator
+import os
+from collections import deque
+from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import cv2
 import numpy as np
@@ -22,11 +25,9 @@ from spheremcap.core.time import ticks_to_ns
 from spheremcap.synth.backdrop import Body, Canvas, photograph
 from spheremcap.synth.outline import Ellipse, polygon_ellipse, seen_outline
 from spheremcap.synth.parts import Ball, Card, World
+from spheremcap.synth.pixels import develop, paint_ball, paint_card
 from spheremcap.synth.raster import (
     Image,
-    ball_colour,
-    ball_coverage,
-    card_layer,
     linear_bgr,
     to_linear,
     to_srgb,
@@ -37,6 +38,7 @@ _STEP_PX = 0.45
 _MOST_STEPS = 64
 _WIDEST_RAD = float(np.radians(80))
 _NOISE_SLACK = 48
+_MOST_THREADS = 8  # each holds some 40 MB at 1280x720
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +79,6 @@ class Scene:
         self.world = world
         self.camera = world.camera
         self.row_s = world.sensor.readout_s / max(1, self.camera.height_px - 1)
-        self._last: tuple[int, list[_Layer]] = (-1, [])
 
     def __len__(self) -> int:
         return len(self.world.ticks)
@@ -86,16 +87,38 @@ class Scene:
         """The frame's container stamp in ns."""
         return ticks_to_ns(self.world.ticks[index], self.world.time_base)
 
-    def frames(self, count: int | None = None) -> Iterator[tuple[BgrImage, int, list[MarkerTruth]]]:
-        """(picture, stamp_ns, truth of every marker) of the first `count` frames, not encoded."""
-        for index in range(len(self) if count is None else min(count, len(self))):
-            yield self.picture(index), self.stamp_ns(index), self.truth(index)
+    def frames(
+        self, count: int | None = None, workers: int | None = None
+    ) -> Generator[tuple[BgrImage, int, list[MarkerTruth]], None, None]:
+        """(picture, stamp_ns, truth of every marker) of the first `count` frames in order, not encoded.
+
+        They are rendered ahead in `workers` threads (None: one a core, 8 at most), and are the same whatever their
+        number.
+        """
+        indices = iter(range(len(self) if count is None else min(count, len(self))))
+        workers = workers or min(os.cpu_count() or 1, _MOST_THREADS)
+        self._prepare()
+        with ThreadPoolExecutor(workers, "render") as threads:
+            waiting = deque(threads.submit(self._frame, index) for index in islice(indices, 2 * workers))
+            try:
+                while waiting:
+                    frame = waiting.popleft().result()
+                    waiting.extend(threads.submit(self._frame, index) for index in islice(indices, 1))
+                    yield frame
+            finally:
+                threads.shutdown(cancel_futures=True)
+
+    def _frame(self, index: int) -> tuple[BgrImage, int, list[MarkerTruth]]:
+        layers = self._find_layers(index)
+        return self._picture(index, layers), self.stamp_ns(index), self._truth(index, layers)
 
     # --- truth ---
 
     def truth(self, index: int) -> list[MarkerTruth]:
         """The truth of every marker on a frame, in the world's order."""
-        layers = self._layers(index)
+        return self._truth(index, self._find_layers(index))
+
+    def _truth(self, index: int, layers: list[_Layer]) -> list[MarkerTruth]:
         return [self._marker_truth(ball, index, layers) for ball in self.world.markers]
 
     def position(self, ball: Ball, t_s: FloatArray) -> FloatArray:
@@ -175,26 +198,21 @@ class Scene:
 
     def picture(self, index: int) -> BgrImage:
         """The frame as the camera hands it to its encoder, (height, width, 3) BGR."""
+        return self._picture(index, self._find_layers(index))
+
+    def _picture(self, index: int, layers: list[_Layer]) -> BgrImage:
         sensor = self.world.sensor
-        light = self.light(index)
+        light = self._light(index, layers)
         if not sensor.noise:
             clean: BgrImage = self._curve[np.clip(light * 16383 + 0.5, 0, 16383).astype(np.uint16)]
             return clean
         rng = np.random.default_rng([self.world.seed, index])
         dy, dx = rng.integers(0, _NOISE_SLACK, 2)
         height, width = light.shape[:2]
-        grain = self._noise[dy : dy + height, dx : dx + width]
         shot, read = 1 / sensor.full_well_e, (sensor.read_e / sensor.full_well_e) ** 2
-        # In place: these are the largest arrays of all.
-        noisy = light * np.float32(shot)
-        noisy += np.float32(read)
-        cv2.sqrt(noisy, noisy)
-        noisy *= grain
-        noisy *= np.float32(rng.choice((-16383.0, 16383.0)))
-        light *= np.float32(16383)
-        noisy += light
-        np.clip(noisy, 0, 16383, out=noisy)
-        picture = self._curve[noisy.astype(np.uint16)]
+        sign = rng.choice((-1.0, 1.0))
+        flat = develop(light.reshape(height, -1), self._noise, dy, 3 * dx, shot, read, sign, self._curve)
+        picture: BgrImage = flat.reshape(height, width, 3)
         if sensor.sharpen:
             soft = cv2.GaussianBlur(picture, (5, 5), 1.0)
             picture = cv2.addWeighted(picture, 1 + sensor.sharpen, soft, -sensor.sharpen, 0)  # type: ignore[assignment]
@@ -202,13 +220,16 @@ class Scene:
 
     def light(self, index: int) -> Image:
         """Linear light on the sensor before noise, (height, width, 3) BGR float32; 1 is where white clips."""
+        return self._light(index, self._find_layers(index))
+
+    def _light(self, index: int, layers: list[_Layer]) -> Image:
         world, stamp_s = self.world, self._stamp_s(index)
         exposure = world.sensor.exposure_s
         behind = self._canvas.view(stamp_s, exposure)
         if self._body is not None:
             behind = self._body.draw(behind, stamp_s, exposure)
         light: Image = cv2.LUT(behind, self._decode)  # type: ignore[assignment]
-        for group in _groups(self._layers(index)):
+        for group in _groups(layers):
             self._compose(light, group, stamp_s)
         if world.light.level is not None:
             rows = self._row_times(0, self.camera.height_px, np.array([stamp_s]))[0]
@@ -231,22 +252,19 @@ class Scene:
             if part.width and part.height:
                 painted.append((layer.what, part, self._tracks(layer.what, part, times)))
         # Premultiplied colour and coverage: the lens blurs the layers, and not once more what is behind them.
-        colours, covered = np.zeros_like(region), np.zeros(region.shape[:2], np.float32)
+        layers = np.zeros((*region.shape[:2], 4), np.float32)
         for step in range(steps):
-            instant, over = np.zeros_like(region), np.zeros_like(covered)
+            instant = np.zeros_like(layers)
             for what, part, tracks in painted:
-                rows = slice(part.y - window.y, part.y - window.y + part.height)
-                columns = slice(part.x - window.x, part.x - window.x + part.width)
-                coverage, colour = self._paint(what, part, tracks[step], float(times[step]))
-                instant[rows, columns] += coverage[..., None] * (colour - instant[rows, columns])
-                over[rows, columns] += coverage * (1 - over[rows, columns])
-            colours += instant
-            covered += over
+                x, y = part.x - window.x, part.y - window.y
+                here = instant[y : y + part.height, x : x + part.width]
+                self._paint(here, what, part, tracks[step], float(times[step]))
+            layers += instant
+        layers *= np.float32(1 / steps)
         if sensor.psf_px:
-            colours = cv2.GaussianBlur(colours, (0, 0), sensor.psf_px, borderType=cv2.BORDER_REPLICATE)  # type: ignore[assignment]
-            covered = cv2.GaussianBlur(covered, (0, 0), sensor.psf_px, borderType=cv2.BORDER_REPLICATE)  # type: ignore[assignment]
-        region *= (1 - covered / np.float32(steps))[..., None]
-        region += colours / np.float32(steps)
+            layers = cv2.GaussianBlur(layers, (0, 0), sensor.psf_px, borderType=cv2.BORDER_REPLICATE)  # type: ignore[assignment]
+        region *= 1 - layers[..., 3:]
+        region += layers[..., :3]
 
     def _tracks(self, what: Ball | Card, window: Window, times_s: FloatArray) -> FloatArray:
         """Where a ball or card is when each row of a window is exposed, for several instants: (T, rows, 3).
@@ -264,39 +282,35 @@ class Scene:
         out: FloatArray = times_s[:, None] + rows * self.row_s
         return out
 
-    def _paint(self, what: Ball | Card, window: Window, track: FloatArray, t_s: float) -> tuple[Image, Image]:
-        """Coverage (h, w) and linear colour (h, w, 3) of a ball or card in a window at one instant."""
+    def _paint(self, out: Image, what: Ball | Card, window: Window, track: FloatArray, t_s: float) -> None:
+        """Lay a ball or card at one instant over `out` (h, w, 4): linear BGR times coverage, and coverage."""
         if isinstance(what, Card):
-            return card_layer(window, track, what.half_px, self._paints[id(what)])
-        coverage, u, v = self._cover(what, window, track)
+            paint_card(window.x, window.y, track, *what.half_px, self._paints[id(what)], out)
+            return
         wander = 2 * np.pi * self.world.light.wander_hz * t_s
         lamp = np.array(self.world.light.direction) + np.array([0.5 * np.sin(wander), 0.2 * np.cos(wander), 0.0])
-        turn = float(2 * np.sin(3 * t_s))
-        return coverage, ball_colour(u, v, self._albedos[id(what)], lamp, what.ambient, what.gloss, what.grain, turn)
-
-    def _cover(self, ball: Ball, window: Window, track: FloatArray) -> tuple[Image, Image, Image]:
+        lamp /= np.linalg.norm(lamp)
+        half = lamp + np.array([0.0, 0.0, -1.0])
+        half /= np.linalg.norm(half)
+        surface = np.array([*lamp, *half, what.ambient, what.gloss, what.grain, 2 * np.sin(3 * t_s)])
         a, b = self._rays
         rows = slice(window.y, window.y + window.height + 2)  # The rays have a border of one pixel.
         columns = slice(window.x, window.x + window.width + 2)
-        return ball_coverage(a[rows, columns], b[rows, columns], track, ball.diameter_m / 2)
+        paint_ball(
+            a[rows, columns], b[rows, columns], track, what.diameter_m / 2, self._albedos[id(what)], surface, out
+        )
 
     def _coverage(self, what: Ball | Card, window: Window, t_s: float) -> Image:
         """The part (h, w) of each pixel that a ball or card covers at one instant."""
-        track = self._tracks(what, window, np.array([t_s]))[0]
-        if isinstance(what, Ball):
-            return self._cover(what, window, track)[0]
-        return card_layer(window, track, what.half_px, self._paints[id(what)])[0]
+        out = np.zeros((window.height, window.width, 4), np.float32)
+        self._paint(out, what, window, self._tracks(what, window, np.array([t_s]))[0], t_s)
+        return out[..., 3]
 
     def _stamp_s(self, index: int) -> float:
         return float(self.world.ticks[index] * self.world.time_base)
 
-    def _layers(self, index: int) -> list[_Layer]:
-        """All balls and cards that touch the picture while this frame is exposed."""
-        if self._last[0] != index:
-            self._last = (index, self._find_layers(index))
-        return self._last[1]
-
     def _find_layers(self, index: int) -> list[_Layer]:
+        """All balls and cards that touch the picture while this frame is exposed."""
         stamp_s, half = self._stamp_s(index), self.world.sensor.exposure_s / 2
         layers = []
         for ball in self.world.balls:
@@ -316,7 +330,8 @@ class Scene:
                     w, h = p * card.half_px[0], q * card.half_px[1]
                     corners.append((x + w * cos - h * sin, y + w * sin + h * cos))
             motion = float(np.abs(where[3, :2] - where[1, :2]).max())
-            layers.append(self._layer(card, np.array(corners), 2.0, card.depth_m, motion))
+            if np.isfinite(where).all():  # NaN: it goes along with a marker that is beyond the lens
+                layers.append(self._layer(card, np.array(corners), 2.0, card.depth_m, motion))
         width, height = self.camera.width_px, self.camera.height_px
         return [layer for layer in layers if _touch(layer.box, (0, 0, width, height))]
 
@@ -327,6 +342,10 @@ class Scene:
         return _Layer(what, (int(low[0]), int(low[1]), int(high[0]), int(high[1])), depth_m, motion_px)
 
     # --- made once ---
+
+    def _prepare(self) -> None:
+        """Make what is made once, so that threads need not."""
+        _ = self._rays, self._canvas, self._body, self._noise, self._decode, self._curve, self._albedos, self._paints
 
     @cached_property
     def _rays(self) -> tuple[Image, Image]:
@@ -347,14 +366,14 @@ class Scene:
 
     @cached_property
     def _noise(self) -> Image:
-        """Standard normal noise, a little larger than the picture, slightly correlated as demosaicing leaves
-        it.
+        """Standard normal noise (rows, 3 columns), a little larger than the picture, slightly correlated as demosaicing
+        leaves it.
         """
         shape = (self.camera.height_px + _NOISE_SLACK, self.camera.width_px + _NOISE_SLACK, 3)
         white = np.random.default_rng([self.world.seed, 7919]).standard_normal(shape, np.float32)
         kernel = np.array([0.2, 1.0, 0.2])
         kernel /= np.linalg.norm(kernel)
-        return cv2.sepFilter2D(white, -1, kernel, kernel)  # type: ignore[return-value]
+        return cv2.sepFilter2D(white, -1, kernel, kernel).reshape(len(white), -1)  # type: ignore[return-value]
 
     @cached_property
     def _decode(self) -> Image:
@@ -365,8 +384,8 @@ class Scene:
         return np.rint(to_srgb(np.arange(16384) / 16383)).astype(np.uint8)
 
     @cached_property
-    def _albedos(self) -> dict[int, Image]:
-        return {id(ball): linear_bgr(ball.colour) for ball in self.world.balls}
+    def _albedos(self) -> dict[int, FloatArray]:
+        return {id(ball): linear_bgr(ball.colour).astype(np.float64) for ball in self.world.balls}
 
     @cached_property
     def _paints(self) -> dict[int, Image]:

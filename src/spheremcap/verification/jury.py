@@ -1,13 +1,16 @@
 """From six votes to a verdict (thesis section 3.1.4.1, eq 3.8)."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from spheremcap.core.circle import Circle
+from spheremcap.core.frame import Patch
 from spheremcap.core.stage import StageConfig
-from spheremcap.core.view import ResponseMap
 from spheremcap.core.vote import Verdict, Vote
+from spheremcap.verification.matching import Matches, MatchingConfig, Template, match
 
 
 class JuryConfig(StageConfig):
@@ -28,23 +31,25 @@ class JuryConfig(StageConfig):
     lost_visible: float = Field(0.4, ge=0, le=1, description="least share of the outline of a marker that was lost")
     visible: float = Field(0.3, ge=0, le=1, description="least share of the outline that shows an edge")
 
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.th2 > self.th1:
+            raise ValueError(
+                f"th2 = {self.th2:g} is above th1 = {self.th1:g}: give th2 <= th1, a sum below th2 rejects a claim "
+                "and one above th1 verifies it"
+            )
+        return self
 
-def cast_votes(maps: Sequence[ResponseMap], claim: Circle | None) -> tuple[Vote, ...]:
+
+def cast_votes(matches: Matches, claim: Circle | None) -> tuple[Vote, ...]:
     """Each matcher's circle and its Dice overlap with the claim; 0 when nothing is claimed."""
-    return tuple(
-        Vote(
-            m.matcher,
-            m.circle,
-            float(m.values[m.peak[1], m.peak[0]]),
-            0.0 if claim is None else m.circle.dice(claim),
-        )
-        for m in maps
-    )
+    overlaps = [0.0] * len(matches) if claim is None else matches.overlaps(claim)
+    return tuple(map(Vote, matches.matchers, matches.circles, matches.scores, overlaps))
 
 
 def vote_sum(votes: Sequence[Vote]) -> float:
     """Sum of the overlaps, in [0, 6]."""
-    return float(sum(v.overlap for v in votes))
+    return sum([v.overlap for v in votes])
 
 
 def judge(total: float, config: JuryConfig) -> Verdict:
@@ -52,3 +57,11 @@ def judge(total: float, config: JuryConfig) -> Verdict:
     if total > config.th1:
         return Verdict.VERIFIED
     return Verdict.DOUBTFUL if total >= config.th2 else Verdict.REJECTED
+
+
+def template_vote(template: Template, gain: float, patch: Patch, claim: Circle, config: MatchingConfig) -> float:
+    """The mean vote, in [0, 1], of a template that may be old for a claim (image pixels): the seed's own, `gain` times
+    as bright as it was (`Appearance.gain`)."""
+    brighter = replace(template, pixels=template.pixels * template.pixels.dtype.type(gain))
+    votes = cast_votes(match(brighter, patch, claim, 0.6 * claim.r_px, config), claim)
+    return vote_sum(votes) / len(votes)

@@ -1,0 +1,378 @@
+"""Plants faults in a copy of the code, one at a time, and says which of them the tests notice.
+
+usage: python benchmarks/mutations.py [--only 17 18 gate ...] [--list]
+
+A fault is an exact replacement of text in one file, with the tests that should notice it. The working tree is only
+read: src and tests are copied to a temporary folder, always the same one, so that kernels are compiled once and found
+again (`spheremcap.core.compiled` keeps them by the files that go into them). The tests are first run without any fault;
+what fails then is left out. Ends with 1 when a fault's text is not found any more: it is stale and has to be renewed.
+
+Faults up to 34 have the numbers of a reader's review of an early version, which 20 of its 35 faults escaped: these are
+they, in their present form. From 101 on they are of chain, status, checks, session, optics, whereabouts, verifier and
+follower.
+"""
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """`old` occurs just once in `file` (below src/spheremcap) and becomes `new`; `harmless` says why no test needs to
+    notice it."""
+
+    number: int
+    name: str
+    file: str
+    old: str
+    new: str
+    tests: tuple[str, ...]
+    harmless: str = ""
+
+
+CHECKS, DECISIONS = "tests/verification/test_checks.py", "tests/test_decisions.py"
+LEARNER, OUTLINE = "tests/detection/test_optics_learner.py", "tests/detection/test_outline.py"
+STATUS, VERIFIER = "tests/core/test_status.py", "tests/verification/test_verifier.py"
+FOLLOWER, WHEREABOUTS = "tests/tracking/test_follower.py", "tests/positioning/test_whereabouts.py"
+
+FAULTS = (
+    Fault(
+        1, "points: no forward-backward check", "tracking/points.py",
+        "if math.hypot(back_x - from_x, back_y - from_y) < max_round_trip:", "if not math.isnan(back_x):",
+        ("tests/tracking/test_points.py",),
+    ),
+    Fault(
+        2, "edge: curvature of blur dropped", "detection/edge.py",
+        "inwards = sigma * sigma / (2.0 * r_px)", "inwards = 0.0", ("tests/detection/test_edge.py",),
+    ),
+    Fault(
+        4, "edge: sign of the streak's curvature", "detection/edge.py",
+        "centre = k + 0.5 + inwards", "centre = k + 0.5 - inwards", ("tests/detection/test_edge.py",),
+    ),
+    Fault(
+        6, "colour: a clipped marker may not go pale", "detection/colour.py",
+        "v1, s0 = 255.0, s0 * 0.7", "v1 = 255.0", ("tests/detection/test_colour.py",),
+    ),
+    Fault(
+        8, "sphere: covariance not widened by residuals", "positioning/sphere.py",
+        "wider = max(1.0, spread / max(1.0, effective - 3.0))", "wider = 1.0", ("tests/positioning/test_sphere.py",),
+    ),
+    Fault(
+        9, "sphere: hold kept to the end", "positioning/sphere.py",
+        "if not math.isnan(hold) and number < rounds - 2:", "if not math.isnan(hold):",
+        ("tests/positioning/test_sphere.py",),
+    ),
+    Fault(
+        10, "kalman: smoother forgets widening", "positioning/kalman.py",
+        "* widened[k + 1]", "", ("tests/positioning/test_kalman.py",),
+    ),
+    Fault(17, "checks: no gate", "verification/checks.py", '    "gate": _gate,\n', "", (CHECKS,)),
+    Fault(18, "checks: the seed has no veto", "verification/checks.py", '    "seed": _seed,\n', "", (CHECKS,)),
+    Fault(19, "checks: no colour", "verification/checks.py", '    "colour": _colour,\n', "", (CHECKS,)),
+    Fault(
+        20, "verifier: the seed's template not asked of a lost marker", "verification/verifier.py",
+        "(self._template, self._seeded) if prior.lost else (self._template,)", "(self._template,)", (VERIFIER,),
+    ),
+    Fault(
+        22, "follower: size from points ignored", "tracking/follower.py",
+        "r_px += share * (grown - r_px)", "pass", (FOLLOWER,),
+    ),
+    Fault(
+        23, "outline: a hidden part adds no uncertainty", "detection/outline.py",
+        "hidden = _PART_HIDDEN * max(0.0, 0.8 - visible)", "hidden = 0.0", (OUTLINE,),
+    ),
+    Fault(
+        24, "outline: rays counted as independent", "detection/outline.py",
+        "shared = max(1.0, unsure[0] * rays / (2.0 * math.pi * found_r))", "shared = 1.0", (OUTLINE,),
+    ),
+    Fault(
+        25, "appearance: gain never follows", "detection/appearance.py",
+        "self.gain += 0.5 * (self._gain_of(value) - self.gain)", "pass", ("tests/detection/test_appearance.py",),
+    ),
+    Fault(
+        26, "join: messages at the limit are left", "io/join.py",
+        "message.log_time <= limit", "message.log_time < limit", ("tests/io/test_equal_times.py",),
+    ),
+    Fault(
+        30, "video: a repeated stamp is put where the last one was", "io/video.py",
+        "ns = last + max(1, length_ns // 2)", "ns = last", ("tests/io/test_equal_times.py",),
+    ),
+    Fault(
+        31, "sync: drift of the reference taken for the sensor's", "merge/sync.py",
+        "own_drift = fit.drift / (1 - fit.drift)", "own_drift = fit.drift", ("tests/merge/test_starts.py",),
+    ),
+    Fault(
+        33, "dataset: a relative sensor does not start with the recording", "merge/dataset.py",
+        "base = start_ns - first if log.relative and start_ns is not None else 0", "base = 0",
+        ("tests/merge/test_starts.py",),
+    ),
+    Fault(
+        34, "outline: order of the covariance's sandwich", "detection/outline.py",
+        "sd[i] += back[i, a] * covariance[a, b] * back[i, b]", "sd[i] += back[a, i] * covariance[a, b] * back[b, i]",
+        (OUTLINE,),
+    ),
+    # -- chain
+    Fault(
+        101, "chain: velocity given when unknown", "chain.py",
+        "where.track.now.velocity_cam_mps if where.track.moving_known else None", "where.track.now.velocity_cam_mps",
+        (DECISIONS,),
+    ),
+    Fault(
+        102, "chain: the first candidate for the best", "chain.py",
+        "        best = max(looks, key=lambda look: look.vote_sum, default=None)\n        self._miss",
+        "        best = looks[0] if looks else None\n        self._miss", (DECISIONS,),
+    ),
+    Fault(
+        103, "chain: doubts do not count", "chain.py",
+        "if look.claim is not None and not look.doubts:", "if look.claim is not None:", (DECISIONS,),
+    ),
+    Fault(
+        104, "chain: the filter goes on with a marker found again", "chain.py",
+        "again=not self.status.tracked", "again=False", (DECISIONS,),
+    ),
+    Fault(
+        105, "chain: the estimated circle as under a global shutter", "chain.py",
+        "circle = self._expected.motion.seen_circle(circle)", "pass", (DECISIONS,),
+    ),
+    Fault(
+        106, "chain: what was expected of an earlier frame stays", "chain.py",
+        "        self._stamp_ns, self._expected = frame.stamp_ns, None\n        if self.status.tracked",
+        "        self._stamp_ns = frame.stamp_ns\n        if self.status.tracked", (DECISIONS, LEARNER),
+    ),
+    Fault(
+        107, "chain: misses never end", "chain.py",
+        "        self.misses = 0\n        self._stages.verifier", "        self._stages.verifier", (DECISIONS,),
+    ),
+    Fault(
+        108, "chain: a marker found again teaches as before it was lost", "chain.py",
+        "        if self._expected is not None:\n            rate_px", "        if True:\n            rate_px",
+        (DECISIONS,),
+    ),
+    # -- status
+    Fault(
+        111, "status: lost one miss later", "core/status.py",
+        "sight.misses >= policy.lost_after", "sight.misses > policy.lost_after", (STATUS,),
+    ),
+    Fault(
+        112, "status: lost at the bound of its time out of view", "core/status.py",
+        "sight.away_s > policy.out_of_view_s", "sight.away_s >= policy.out_of_view_s", (STATUS,),
+    ),
+    Fault(
+        113, "status: immediate at a doubtful one too", "core/status.py",
+        "(policy.immediate and sight.rejected)", "policy.immediate", (STATUS,),
+    ),
+    # -- checks
+    Fault(
+        121, "checks: a lost marker's colours as any's", "verification/checks.py",
+        "(jury.lost_colour if case.lost else jury.seed_colour)", "jury.seed_colour", (CHECKS,),
+    ),
+    Fault(
+        122, "checks: a part only where almost nothing is seen", "verification/checks.py",
+        "case.visible >= 0.6", "case.visible >= 0.3", (CHECKS,),
+    ),
+    Fault(
+        123, "checks: a lost marker may leap", "verification/checks.py", "return not case.lost and case.visible",
+        "return case.visible", (CHECKS,),
+    ),
+    # -- session
+    Fault(
+        131, "session: an estimated marker covers others", "session.py",
+        "if e.circle is not None and e.status.measured", "if e.circle is not None", (DECISIONS,),
+    ),
+    Fault(
+        132, "session: farthest first", "session.py",
+        "lanes.sort(key=lambda item: item[1].chain.range_m)", "lanes.sort(key=lambda item: -item[1].chain.range_m)",
+        (CHECKS,),
+    ),
+    Fault(
+        133, "session: reasons of earlier gaps stay", "session.py",
+        "                lane.against.clear()\n", "", (DECISIONS,),
+    ),
+    Fault(
+        134, "session: a seed that never came is passed over", "session.py",
+        "requests += [_unseen(frame, one) for one in missing]", "pass", (DECISIONS,),
+    ),
+    Fault(
+        135, "session: each marker learns its own optics", "session.py",
+        "metric=metric, optics=optics)", "metric=metric, exposure_s=exposure_s, readout_s=readout_s)", (LEARNER,),
+    ),
+    # -- optics
+    Fault(
+        141, "optics: the lean allowed for is forgotten", "detection/optics.py",
+        "(stretch if k == 0 else shear) + lean[1 - k]", "(stretch if k == 0 else shear)", (LEARNER,),
+    ),
+    Fault(
+        142, "optics: any gain is evidence of an exposure", "detection/optics.py",
+        "if k == 0 or gain < 2 * (scatter / self._weight) ** 0.5:", "if k == 0:", (LEARNER,),
+    ),
+    Fault(
+        143, "optics: any readout is believed", "detection/optics.py",
+        "abs(found) > _BEYOND_DOUBT * sd and", "abs(found) > 0 and", (LEARNER,),
+    ),
+    Fault(
+        144, "optics: part-hidden claims teach", "detection/optics.py",
+        "        if claim.visible < _CLEAR:\n            return\n", "", (LEARNER,),
+    ),
+    Fault(
+        145, "optics: the most explaining softness, however little more", "detection/optics.py",
+        "(mean >= mean.max() - 0.01).argmax()", "mean.argmax()", (LEARNER,),
+    ),
+    # -- whereabouts
+    Fault(
+        151, "whereabouts: looks outside the picture too", "positioning/whereabouts.py",
+        "        if outside_px(frame, circle) > circle.r_px + 3 * spread_px:\n            return None\n", "",
+        (WHEREABOUTS, DECISIONS),
+    ),
+    Fault(
+        152, "whereabouts: a wild depth makes a wild circle", "positioning/whereabouts.py",
+        "min(max(circle.r_px, self.circle.r_px / 2), self.circle.r_px * 2)", "circle.r_px", (WHEREABOUTS,),
+    ),
+    Fault(
+        153, "whereabouts: one that left is sought where it would be", "positioning/whereabouts.py",
+        "        if left:\n", "        if False:\n", (WHEREABOUTS,),
+    ),
+    Fault(
+        154, "whereabouts: the reach has no bound", "positioning/whereabouts.py",
+        ", 3 * circle.r_px)\n        return Expected", ", 300 * circle.r_px)\n        return Expected",
+        (WHEREABOUTS, DECISIONS),
+    ),
+    Fault(
+        155, "whereabouts: the expected circle as under a global shutter", "positioning/whereabouts.py",
+        "        circle = motion.seen_circle(circle)\n", "", (WHEREABOUTS,),
+    ),
+    # -- verifier and jury
+    Fault(
+        161, "verifier: votes too few are no reason", "verification/verifier.py",
+        "if claim is not None and verdict is not Verdict.VERIFIED:", "if False:", (VERIFIER,),
+    ),
+    Fault(
+        162, "verifier: the seed's template follows", "verification/verifier.py",
+        "        self._template = make_template(patch, circle, self._matching)",
+        "        self._seeded = self._template = make_template(patch, circle, self._matching)", (VERIFIER,),
+    ),
+    Fault(
+        163, "verifier: the seed's template never asked", "verification/verifier.py",
+        "claim.visible < 0.7 and not prior.lost", "claim.visible < 0.0", (VERIFIER,),
+    ),
+    # -- follower
+    Fault(
+        171, "follower: points start from a frame that was not verified", "tracking/follower.py",
+        "        self._before = None\n", "        pass\n", (FOLLOWER,),
+    ),
+    Fault(
+        172, "follower: the patch does not grow with the reach", "tracking/follower.py",
+        "max(0.0, reach_px - 0.5 * circle.r_px)", "0.0", (FOLLOWER,),
+    ),
+    Fault(
+        173, "follower: size from points unbounded", "tracking/follower.py",
+        "min(max(self._before[1].r_px * ratio, 0.9 * r_px), 1.1 * r_px)", "self._before[1].r_px * ratio", (FOLLOWER,),
+    ),
+)  # fmt: skip
+
+
+class Copy:
+    """src and tests in a folder of their own."""
+
+    def __init__(self) -> None:
+        self.folder = Path(tempfile.gettempdir()) / f"spheremcap-mutations-{os.getuid()}"
+        tree = self.folder / "tree"
+        shutil.rmtree(tree, ignore_errors=True)
+        for name in ("src", "tests"):
+            shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copy2(ROOT / "pyproject.toml", tree)
+        self.tree = tree
+        self.broken: dict[str, list[str]] = {}  # tests that fail without a fault, by file
+
+    def path(self, file: str) -> Path:
+        return self.tree / "src" / "spheremcap" / file
+
+    def pytest(self, tests: Sequence[str], *options: str) -> tuple[int, str]:
+        """pytest's exit code and what it printed. No bytecode is kept: a fault may leave a file's size as it was."""
+        environment = os.environ | {
+            "PYTHONPATH": str(self.tree / "src"), "NUMBA_CACHE_DIR": str(self.folder / "kernels"),
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }  # fmt: skip
+        out = [f"--deselect={test}" for file in tests for test in self.broken.get(file, ())]
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, *out, *tests],
+            cwd=self.tree, env=environment, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        return done.returncode, done.stdout + done.stderr
+
+    def without(self, file: str) -> str:
+        """Run a test file as it is; '' when all is well, else what to say of it."""
+        code, printed = self.pytest([file], "-rfE")
+        if code == 0:
+            return ""
+        self.broken[file] = re.findall(r"^(?:FAILED|ERROR) (\S+)", printed, re.MULTILINE)
+        if code != 1 or not self.broken[file]:
+            raise SystemExit(f"{file} cannot be run without a fault:\n{printed[-2000:]}")
+        return f"fails without a fault and is left out: {', '.join(self.broken[file])}"
+
+    def planted(self, fault: Fault) -> str:
+        """Run the fault's tests with it: noticed, escaped, stale or broken."""
+        path = self.path(fault.file)
+        before, facts = path.read_text(), path.stat()
+        if before.count(fault.old) != 1:
+            return "stale"
+        path.write_text(before.replace(fault.old, fault.new))
+        # The same fault has the same time stamp in every run, so its kernels are compiled once only.
+        stamp_ns = facts.st_mtime_ns + 1 + zlib.crc32(f"{fault.old}{fault.new}".encode())
+        os.utime(path, ns=(stamp_ns, stamp_ns))
+        try:
+            code, printed = self.pytest(fault.tests, "-x")
+        finally:
+            path.write_text(before)
+            os.utime(path, ns=(facts.st_atime_ns, facts.st_mtime_ns))
+        if code not in (0, 1):
+            return f"broken: pytest ends with {code}: {printed.strip().splitlines()[-1:]}"
+        return "noticed" if code else "escaped"
+
+
+def chosen(only: Sequence[str]) -> list[Fault]:
+    return [f for f in FAULTS if not only or any(o == str(f.number) or (not o.isdigit() and o in f.name) for o in only)]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--only", nargs="+", default=[], metavar="N", help="numbers, or words of their names")
+    parser.add_argument("--list", action="store_true", help="list the faults and stop")
+    options = parser.parse_args()
+    faults = chosen(options.only)
+    if options.list:
+        for fault in faults:
+            print(f"{fault.number:4d}  {fault.name}  ({fault.file})")
+        return 0
+    copy = Copy()
+    for file in dict.fromkeys(test for fault in faults for test in fault.tests):
+        started = time.monotonic()
+        said = copy.without(file) or "passes"
+        print(f"{file}: {said} ({time.monotonic() - started:.0f} s)", flush=True)
+    print("\n| no. | fault | result | s |\n|---|---|---|---|", flush=True)
+    results = []
+    for fault in faults:
+        started = time.monotonic()
+        result = copy.planted(fault)
+        results.append(result)
+        said = f"{result} (harmless: {fault.harmless})" if fault.harmless else result
+        print(f"| {fault.number} | {fault.name} | {said} | {time.monotonic() - started:.0f} |", flush=True)
+    harmful = [r for r, fault in zip(results, faults, strict=True) if not fault.harmless]
+    noticed, stale = harmful.count("noticed"), results.count("stale")
+    print(f"\nnoticed: {noticed} of {len(harmful)}" + (f"; stale: {stale}" if stale else ""))
+    return 1 if stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

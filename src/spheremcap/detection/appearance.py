@@ -1,0 +1,128 @@
+"""What a marker looked like when a person showed it, at the brightness it has by now.
+
+The last verified picture may drift with what is followed; this one cannot.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from spheremcap.core.circle import Circle
+from spheremcap.core.compiled import BGR, F8, I8, inner, kernel
+from spheremcap.core.frame import Patch
+from spheremcap.core.sampling import hsv_of
+from spheremcap.detection.colour import LIMITS, ColourConfig, box_mask, disc_pixels, in_box, learn_box
+
+Mask = npt.NDArray[np.uint8]
+Limits = npt.NDArray[np.float64]
+
+
+@inner
+def _ranked(histogram, rank):
+    """The value at place `rank`, from 0, of the sorted ones that a histogram (256,) counts."""
+    below, value = histogram[0], 0
+    while below <= rank and value < 255:
+        value += 1
+        below += histogram[value]
+    return float(value)
+
+
+@inner
+def _median(histogram, count):
+    return 0.5 * (_ranked(histogram, (count - 1) // 2) + _ranked(histogram, count // 2)) if count > 0 else np.nan
+
+
+@kernel(None, BGR, I8, I8, I8, I8, F8, F8, F8, F8, LIMITS)
+def ring_colours(bgr, x0, y0, x1, y1, x, y, beyond, within, limits):
+    """Of the pixels of a patch (h, w, 3) BGR that lie inside the picture, columns x0..x1-1 and rows y0..y1-1, and
+    further than `beyond` from (x, y) but not further than `within`, in patch pixels (`beyond` < 0: from the centre):
+
+    how many there are; how many have a colour within the limits; the lower quartile, the median and the upper quartile
+    of their value max(B, G, R), 0..255; the median value of those within the limits. NaN where there are none.
+    """
+    all_of, own_of = np.zeros(256, np.int64), np.zeros(256, np.int64)
+    count = own = 0
+    for i in range(max(y0, int(np.ceil(y - within))), min(y1, int(np.floor(y + within)) + 1)):
+        for j in range(max(x0, int(np.ceil(x - within))), min(x1, int(np.floor(x + within)) + 1)):
+            away2 = (j - x) ** 2 + (i - y) ** 2
+            if away2 > within * within or away2 <= beyond * abs(beyond):
+                continue
+            hue, saturation, value = hsv_of(float(bgr[i, j, 0]), float(bgr[i, j, 1]), float(bgr[i, j, 2]))
+            count += 1
+            all_of[int(value)] += 1
+            if in_box(limits, hue, saturation, value):
+                own += 1
+                own_of[int(value)] += 1
+    if count == 0:
+        return 0, 0, np.nan, np.nan, np.nan, np.nan
+    quarter = count // 4
+    low, high = _ranked(all_of, quarter), _ranked(all_of, 3 * quarter)
+    return count, own, low, _median(all_of, count), high, _median(own_of, own)
+
+
+class Appearance:
+    """The seed's colours. `box` is its colour box, `gain` the marker's brightness over the seed's; `visible` is the
+    share of the outline that the seed showed, `inside` and `around` the seed's own `shares`."""
+
+    def __init__(self, patch: Patch, circle: Circle, visible: float, config: ColourConfig) -> None:
+        """Learn from a seed's circle (image pixels). Raises ValueError when none of it is inside the picture."""
+        pixels = disc_pixels(patch, circle, config.sample)
+        self.box = learn_box(pixels, config)
+        self.gain = 1.0
+        self.visible = max(visible, 0.2)
+        self._value = max(1.0, float(np.median(pixels[:, 2])))
+        self._any_value = replace(self.box, value=(0.0, 255.0)).limits()
+        self.inside, self.around = self.shares(patch, circle)
+
+    def follow(self, patch: Patch, circle: Circle) -> None:
+        """Take the brightness of a verified circle in; an occluder's pixels do not count."""
+        _, own, _, _, _, value = self._colours(patch, circle, -1.0, 0.6, self._any_value)
+        if own > 8:
+            self.gain += 0.5 * (self._gain_of(value) - self.gain)
+
+    def limits(self, patch: Patch, near: Circle) -> Limits:
+        """The limits (6,) that the marker's colours keep on this patch (`ColourBox.limits`); the exposure may have
+        changed, so the brightness is looked up once more at `near` (image pixels)."""
+        limits = self.box.limits(self.gain)
+        count, own, _, value, _, _ = self._colours(patch, near, -1.0, 0.6, limits)
+        if own < 0.3 * count:
+            again = self.box.limits(self._gain_of(value))
+            if self._colours(patch, near, -1.0, 0.6, again)[1] > 0.5 * count:
+                return again
+        return limits
+
+    def mask(self, patch: Patch, near: Circle) -> Mask:
+        """The colour mask (h, w) of the patch, 0 or 255, by `limits`."""
+        return box_mask(patch.bgr, self.limits(patch, near))
+
+    def shares(self, patch: Patch, circle: Circle) -> tuple[float, float]:
+        """Shares of pixels in the seed's own colours, inside the circle and in a ring around it, at the exposure that
+        suits the inside best; 0 where no pixel is in the picture. A claim on a part of the marker has its colour all
+        around."""
+        limits = self.box.limits(self.gain)
+        count, own, low, _, high, _ = self._colours(patch, circle, -1.0, 0.9, limits)
+        if count == 0:
+            return 0.0, 0.0
+        if own < 0.8 * count:
+            # Another exposure, as the brighter or the darker half of the disc has it when a part is hidden.
+            for value in (low, high):
+                other = self.box.limits(self._gain_of(value))
+                more = self._colours(patch, circle, -1.0, 0.9, other)[1]
+                if more > own:
+                    own, limits = more, other
+        ring, ring_own, _, _, _, _ = self._colours(patch, circle, 1.1, 1.35, limits)
+        return own / count, ring_own / ring if ring else 0.0
+
+    def _gain_of(self, value: float) -> float:
+        return min(max(value / self._value, 0.1), 4.0)
+
+    @staticmethod
+    def _colours(
+        patch: Patch, circle: Circle, beyond: float, within: float, limits: Limits
+    ) -> tuple[int, int, float, float, float, float]:
+        """`ring_colours` between two shares of the circle's radius; the centre's own pixels always count."""
+        local = patch.local(circle)
+        inner_px = max(1.0, beyond * local.r_px) if beyond > 0 else -1.0
+        outer_px = max(1.0, within * local.r_px)
+        return ring_colours(patch.bgr, *patch.picture, local.x_px, local.y_px, inner_px, outer_px, limits)

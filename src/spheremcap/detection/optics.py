@@ -1,0 +1,232 @@
+"""What a camera's shutter and lens are, learnt from the settled outlines of all its markers.
+
+Only claims that were accepted teach anything, and what they teach is used only when the evidence for it is beyond
+doubt: a learnt parameter that is wrong does more harm than one that is left out.
+"""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from spheremcap.core.compiled import F8, array, inner, kernel
+from spheremcap.core.look import Measured
+from spheremcap.core.optics import Motion, Optics, bounded_blur
+from spheremcap.detection.outline import SOFTNESS
+
+FloatArray = npt.NDArray[np.float64]
+Explained = Callable[[list[Motion]], FloatArray]
+"""How well each of some motions explains the profiles across an outline, in [0, 1] (`Outline.explained`)."""
+
+EXPOSURES = (0.0, 0.15, 0.3, 0.5, 0.75, 1.0)
+"""Exposure times that are tried, in frame intervals."""
+BLUR_SHOWS_PX = 5.0  # motion in a frame interval from which blur can be told
+_CLEAR = 0.6  # share of the outline that a claim has to show to teach anything
+_BEYOND_DOUBT = 4.0  # standard deviations
+_LOOKS = 12  # as many looks are taken closely together; later ones are few, and old ones fade
+_SOFTNESS_LOOKS = (3, 8, 24, 72, 216, 648)  # after so many clear claims
+_SHARED = 16.0  # claims that share an error: neighbours in time
+_LEAST_CLAIMS = 60  # for a regression to be believed
+
+
+class OpticsLearner:
+    """One camera's optics as far as they are given or known by now; `learn` is called in the order of settling."""
+
+    def __init__(self, exposure_s: float, readout_s: float | None, learn_blur: bool, rows: int) -> None:
+        """`exposure_s` 0 and `readout_s` None are not known; `learn_blur` False leaves the lens as the settings say;
+        `rows` is the picture's height in pixels."""
+        self.rows = rows
+        self.exposure_known = exposure_s > 0
+        self._given_exposure_s, self._given_readout_s, self._learn_blur = exposure_s, readout_s, learn_blur
+        self._exposure, self._softness = _Contest(len(EXPOSURES)), _Contest(len(SOFTNESS))
+        self._moving = self._clear = 0
+        self._seed_softness = 1.0
+        self._stretch: dict[str, _Stretch] = {}
+        self._readout: tuple[float, float] | None = None
+        self._now: dict[float, Optics] = {}  # by frame interval; emptied by whatever is learnt
+
+    def now(self, interval_s: float) -> Optics:
+        """The optics for frames that are `interval_s` apart."""
+        if interval_s not in self._now:
+            exposure_s = self._given_exposure_s or self._exposure.best(EXPOSURES) * interval_s
+            self._now = {interval_s: Optics(exposure_s, *self._readout_s(interval_s), self._soft())}
+        return self._now[interval_s]
+
+    def _soft(self) -> float:
+        if self._softness.looks == 0:
+            return self._seed_softness
+        # The sharpest that is about as good as the best: too soft a step takes a dark limb for blur.
+        mean = self._softness.mean
+        return SOFTNESS[int((mean >= mean.max() - 0.01).argmax())]
+
+    def _readout_s(self, interval_s: float) -> tuple[float, float]:
+        """The readout time and its standard deviation, seconds: zero until the evidence is beyond doubt."""
+        if self._given_readout_s is not None:
+            return self._given_readout_s, 0.0
+        if self._readout is None:
+            return 0.0, interval_s / 3**0.5
+        found, sd = self._readout
+        if abs(found) > _BEYOND_DOUBT * sd and abs(found) <= 1.2 * interval_s:
+            return found, sd
+        return 0.0, min(float(np.hypot(found, sd)), interval_s / 3**0.5)
+
+    def seeded(self, claim: Measured) -> None:
+        """A seed's outline says how soft the lens is until settled claims say more."""
+        if self._softness.looks == 0 and claim.visible > _CLEAR:
+            self._seed_softness = claim.motion.softness
+            self._now.clear()
+
+    def learn(self, marker: str, claim: Measured, rate_px: FloatArray, interval_s: float, explained: Explained) -> None:
+        """Learn from a marker's accepted claim; it moves at `rate_px` (2,), px/s, in frames `interval_s` apart."""
+        if claim.visible < _CLEAR:
+            return
+        self._clear += 1
+        if self._learn_blur and self._clear in _SOFTNESS_LOOKS:
+            self._softness.add(explained([replace(claim.motion, softness=softness) for softness in SOFTNESS]))
+            self._now.clear()
+        way_px = rate_px * interval_s
+        if not self.exposure_known and float(np.hypot(way_px[0], way_px[1])) > BLUR_SHOWS_PX:
+            self._moving += 1
+            if self._moving <= 3 or self._moving % (12 if self._exposure.looks < _LOOKS else 64) == 0:
+                trials = [bounded_blur(way_px * share, claim.circle) for share in EXPOSURES]
+                self._exposure.add(explained([replace(claim.motion, blur_px=blur) for blur in trials]))
+                self._now.clear()
+        if self._given_readout_s is None and claim.proposer == "prediction":
+            own = self._stretch.setdefault(marker, _Stretch())
+            own.add(claim, rate_px / max(1, self.rows - 1))
+            if own.claims % 8 == 0:
+                self._readout = _pooled(self._stretch.values())
+                self._now.clear()
+
+
+class _Contest:
+    """Which of some candidates explains outlines best, over many looks; old looks fade."""
+
+    def __init__(self, candidates: int) -> None:
+        self.looks = 0
+        self._total, self._gain, self._gain2 = np.zeros(candidates), np.zeros(candidates), np.zeros(candidates)
+        self._weight = 0.0
+
+    def add(self, explained: FloatArray) -> None:
+        self.looks += 1
+        keep = 1.0 if self.looks <= _LOOKS else 1 - 1 / _LOOKS
+        gain = explained - explained[0]
+        self._total = keep * self._total + explained
+        self._gain, self._gain2 = keep * self._gain + gain, keep * self._gain2 + gain * gain
+        self._weight = keep * self._weight + 1
+
+    @property
+    def mean(self) -> FloatArray:
+        return self._total / max(self._weight, 1e-9)
+
+    def best(self, values: tuple[float, ...]) -> float:
+        """The value that explains most, between the candidates by a parabola; the first one unless another is better
+        by more than its looks disagree."""
+        if self.looks < 3:
+            return values[0]
+        k = int(self.mean.argmax())
+        gain = self._gain[k] / self._weight
+        scatter = max(self._gain2[k] / self._weight - gain * gain, 1e-8)
+        if k == 0 or gain < 2 * (scatter / self._weight) ** 0.5:
+            return values[0]
+        if k == len(values) - 1:
+            return values[k]
+        (x0, x1, x2), (y0, y1, y2) = values[k - 1 : k + 2], self.mean[k - 1 : k + 2].tolist()
+        rise, fall = (y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1)
+        bend = (fall - rise) / (x2 - x0)
+        vertex = (x0 + x1) / 2 - rise / (2 * bend) if bend < 0 else x1
+        return float(np.clip(vertex, (x0 + x1) / 2, (x1 + x2) / 2))
+
+
+@dataclass
+class _Stretch:
+    """How one marker's outline is stretched and sheared, against its speed: least squares of c0 + c1 |v| + readout v
+    for each of the two, so that neither uneven light nor a streak of the wrong length passes for a rolling shutter."""
+
+    claims: int = 0
+    sums: FloatArray = field(default_factory=lambda: np.zeros((2, 4, 4)))
+
+    def add(self, claim: Measured, rate_rows: FloatArray) -> None:
+        """`rate_rows` (2,) is the speed in pixels a second and row."""
+        self.claims += 1
+        _add_stretch(
+            claim.edges.points_px, claim.edges_outside_px, claim.edge_weights, claim.circle.x_px, claim.circle.y_px,
+            claim.motion.lean, rate_rows, self.sums,
+        )  # fmt: skip
+
+
+def _pooled(markers: Iterable[_Stretch]) -> tuple[float, float] | None:
+    """The readout time that all markers agree on and its standard deviation, seconds; None until they can tell."""
+    like = power = 0.0
+    for one in markers:
+        if one.claims < _LEAST_CLAIMS:
+            continue
+        for sums in one.sums:
+            normal, right = sums[:3, :3], sums[:3, 3]
+            scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+            flat = normal / np.outer(scale, scale)
+            if np.linalg.cond(flat) > 1e6:
+                continue
+            inverse = np.linalg.inv(flat) / np.outer(scale, scale)
+            found = inverse @ right
+            left_over = max(float(sums[3, 3] - right @ found), 0.0) / (one.claims - 3)
+            variance = _SHARED * left_over * inverse[2, 2] + 1e-16
+            like += found[2] / variance
+            power += 1 / variance
+    return None if power == 0 else (like / power, power**-0.5)
+
+
+@inner
+def stretch_and_shear(points, outside, weights, x, y):
+    """How an outline about (x, y) is stretched and sheared by rows, and the weight of each: (stretch, weight, shear,
+    weight). Its edge points (N, 2), pixels, lie `outside` (N,) of the fitted outline.
+
+    A row that is late by a pixel a row moves a point by (shear, stretch) for each row; what a sphere's place and size
+    explain is taken out first.
+    """
+    count = len(points)
+    basis = np.empty((5, count))  # size, x, y, stretch, shear
+    for k in range(count):
+        off_x, off_y = points[k, 0] - x, points[k, 1] - y
+        length = math.sqrt(off_x * off_x + off_y * off_y)
+        root = math.sqrt(weights[k])
+        basis[0, k], basis[1, k], basis[2, k] = root, root * off_x / length, root * off_y / length
+        basis[3, k], basis[4, k] = basis[2, k] * off_y, basis[1, k] * off_y
+    for a in range(5):  # Gram-Schmidt; stretch and shear keep their lengths, and what they share
+        for b in range(min(a, 3)):
+            both = 0.0
+            for k in range(count):
+                both += basis[a, k] * basis[b, k]
+            for k in range(count):
+                basis[a, k] -= both * basis[b, k]
+        if a < 3:
+            power = 1e-30
+            for k in range(count):
+                power += basis[a, k] * basis[a, k]
+            for k in range(count):
+                basis[a, k] /= math.sqrt(power)
+    amounts = np.empty(4)
+    for a in range(2):
+        like, power = 0.0, 1e-12
+        for k in range(count):
+            like += basis[3 + a, k] * math.sqrt(weights[k]) * outside[k]
+            power += basis[3 + a, k] * basis[3 + a, k]
+        amounts[2 * a], amounts[2 * a + 1] = like / power, power
+    return amounts[0], amounts[1], amounts[2], amounts[3]
+
+
+@kernel(None, array(F8, 2), array(F8, 1), array(F8, 1), F8, F8, array(F8, 1), array(F8, 1), F8[:, :, ::1])
+def _add_stretch(points, outside, weights, x, y, lean, rate_rows, sums):
+    """Add a claim to the normal equations (2, 4, 4) of stretch and shear: columns 1, |v|, v and the amount seen."""
+    stretch, stretch_weight, shear, shear_weight = stretch_and_shear(points, outside, weights, x, y)
+    row = np.empty(4)
+    for k in range(2):
+        rate = rate_rows[1 - k]
+        row[0], row[1], row[2] = 1.0, abs(rate), rate
+        row[3] = (stretch if k == 0 else shear) + lean[1 - k]
+        weight = stretch_weight if k == 0 else shear_weight
+        for i in range(4):
+            for j in range(4):
+                sums[k, i, j] += weight * row[i] * row[j]

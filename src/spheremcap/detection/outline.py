@@ -1,0 +1,257 @@
+"""From a proposed circle to a measured sphere: the edges around it, the cone through them, and how sure that is."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from spheremcap.core.camera import Camera
+from spheremcap.core.circle import Circle
+from spheremcap.core.compiled import F8, I8, PLANE, array, inner, kernel
+from spheremcap.core.frame import Frame
+from spheremcap.core.lens import normal_of
+from spheremcap.core.look import EdgePoints, Measured
+from spheremcap.core.optics import AT_REST, Motion
+from spheremcap.core.sampling import GRID
+from spheremcap.detection.edge import EdgeConfig, edge_params, edges_into, find_edges
+from spheremcap.positioning.sphere import (
+    FIT_ROUNDS,
+    IMPERFECTION,
+    PositionConfig,
+    circle_at,
+    fit_rays,
+    outline_px,
+    set_outline,
+    sphere_at,
+    sphere_of_circle,
+)
+
+FloatArray = npt.NDArray[np.float64]
+
+SOFTNESS = (1.0, 1.6, 2.4, 3.6)
+"""Blurs of lens and focus that are tried, in `blur_sigma_px`."""
+_HOLD = {"seed": 0.03, "acquire": 0.1, "colour": 0.1}  # relative deviation of the proposals' sizes; 0.01 for others
+_PART_HIDDEN = 0.1  # relative deviation of the radius, a share of the outline that is not seen
+_SIZE_CHANGE = 0.1  # of the radius from one frame to the next: as much is usual
+_SIZE_LEAP = 1.5  # most that a claim's size may differ from the first proposal's, either way
+_SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated
+_NO_LIMITS = np.empty(0)
+_NONE = np.zeros(0)
+_NO_EDGES = EdgePoints(np.zeros((0, 2)), _NONE, np.zeros(0, np.intp), _NONE, 0, 0.0)
+_F1 = array(F8, 1)
+
+
+class Outline:
+    """Measures the outlines of spheres of one size before one camera; keeps nothing from frame to frame."""
+
+    def __init__(self, radius_m: float, camera: Camera, edge: EdgeConfig, position: PositionConfig) -> None:
+        self._radius_m, self._camera, self._edge = radius_m, camera, edge
+        self._params = edge_params(edge)
+        self._unsure = np.array([position.shared_px, position.systematic_px])
+
+    def clicked(self, circle: Circle) -> Measured:
+        """A person's circle as it is: a careful click is good to about a pixel."""
+        xyz = sphere_of_circle(circle, self._radius_m, self._camera)
+        z, focal = xyz[2], np.array([self._camera.fx_px, self._camera.fy_px])
+        aside = np.diag([z / focal[0], z / focal[1], 0.0])
+        aside[:, 2] = -xyz / circle.r_px
+        return Measured(circle, (1.0, 1.0, 1.0), xyz, aside @ aside.T, 0.0, "seed", _NO_EDGES, _NONE, _NONE, AT_REST)
+
+    def first_look(self, frame: Frame, circle: Circle) -> Measured | None:
+        """The seed sharpened, with the blur that explains its outline best."""
+        best: Measured | None = None
+        for softness in SOFTNESS if self._edge.learn_blur else SOFTNESS[:1]:
+            motion = replace(AT_REST, softness=softness)
+            measured = self.sharpened(frame, circle, "seed", 0.25 * circle.r_px, motion, None)
+            if clearness(measured) > clearness(best) + 0.02:
+                best = measured
+        return best
+
+    def longest(
+        self, frame: Frame, proposals: Sequence[tuple[str, Circle]], motion: Motion, limits: FloatArray | None
+    ) -> Measured | None:
+        """The proposal whose neighbourhood shows the most outline, sharpened; proposals alike are tried once."""
+        best: Measured | None = None
+        best_arc_px = 0.0
+        usual_r_px = proposals[0][1].r_px
+        tried: list[Circle] = []
+        for name, circle in proposals:
+            if any(circle.dice(other) > 0.85 for other in tried):
+                continue
+            tried.append(circle)
+            measured = self.sharpened(frame, circle, name, 0.2 * circle.r_px + 1, motion, limits)
+            if measured is None or not 1 / _SIZE_LEAP < measured.circle.r_px / usual_r_px < _SIZE_LEAP:
+                continue
+            # The longest outline, not the largest share: a circle on a part of the marker shows more, of less. And
+            # not much larger or smaller than expected: what covers a marker has an outline too.
+            leap = math.log(measured.circle.r_px / usual_r_px) / _SIZE_CHANGE
+            arc_px = measured.visible * min(measured.circle.r_px, usual_r_px) / (1 + leap * leap)
+            if best is None or arc_px > best_arc_px:
+                best, best_arc_px = measured, arc_px
+            if best_arc_px > 0.75 * usual_r_px:
+                break
+        return best
+
+    def sharpened(
+        self,
+        frame: Frame,
+        circle: Circle,
+        proposer: str,
+        reach_px: float,
+        motion: Motion,
+        limits: FloatArray | None,
+    ) -> Measured | None:
+        """Edges around a circle and the sphere through them: a coarse look up to `reach_px` away, unless that is close,
+        then fine ones close by until the circle rests. None when there is no outline. `limits` are the marker's
+        colours (`ColourBox.limits`), or None for any."""
+        found, circle_out, sd, xyz, covariance, edges, seen = _sharpened(
+            *frame.planes, self._camera.params, self._params, self._unsure, self._radius_m,
+            self._edge.blur_sigma_px * motion.softness, self._edge.rays, _NO_LIMITS if limits is None else limits,
+            circle.x_px, circle.y_px, circle.r_px, reach_px, close_px(circle), _HOLD.get(proposer, 0.01),
+            motion.blur_px[0], motion.blur_px[1], motion.lean[0], motion.lean[1], motion.stretch_sd,
+        )  # fmt: skip
+        if found == 0:
+            return None
+        points, rest = edges[:found, :2].copy(), edges[:found].T.copy()
+        return Measured(
+            Circle(*circle_out), sd, xyz, covariance, seen[0], proposer,
+            EdgePoints(points, rest[2], rest[3].astype(np.intp), rest[4], int(seen[1]), seen[2]),
+            rest[5], rest[6], motion,
+        )  # fmt: skip
+
+    def explained(self, frame: Frame, claim: Measured, motions: Sequence[Motion]) -> FloatArray:
+        """How well each motion's blur and softness explain the profiles across a claim's outline, (len(motions),):
+        shares of their variance in [0, 1], 0 where no edge is found."""
+        outline = outline_px(claim.xyz_cam_m, self._radius_m, self._camera, self._edge.rays)
+        outline = claim.motion.seen(outline, claim.circle.y_px)
+        close, sigma_px = close_px(claim.circle), self._edge.blur_sigma_px
+        edges = (
+            find_edges(
+                frame, outline, claim.circle.r_px, close, m.blur_px, None, self._edge, sigma_px=sigma_px * m.softness
+            )
+            for m in motions
+        )
+        return np.array([0.0 if found is None else found.explained for found in edges])
+
+
+def close_px(circle: Circle) -> float:
+    """How far from its outline the fine look reaches, pixels: a large marker's outline is less exactly round."""
+    return max(1.5, 0.05 * circle.r_px)
+
+
+def clearness(measured: Measured | None) -> float:
+    """How clear an outline is: the share of it with an edge, and how well the blurred step explains that."""
+    return -1.0 if measured is None else measured.visible + measured.edges.explained
+
+
+@inner
+def _lean(points, lean_x, lean_y, row):
+    """Points of an outline as a global shutter has them, brought to where they are in the picture (`Motion.seen`)."""
+    for k in range(len(points)):
+        late = (points[k, 1] - row) / (1.0 - lean_y)
+        points[k, 0] += lean_x * late
+        points[k, 1] += lean_y * late
+
+
+@inner
+def _set_jacobian(camera, x, y, z, r_px, out):
+    """d xyz / d (x, y, r), metres a pixel, for a narrow cone: sideways by z / f, along the ray by z / r."""
+    out[:] = 0.0
+    out[0, 0], out[1, 1] = z / camera[0], z / camera[1]
+    out[0, 2], out[1, 2], out[2, 2] = -x / r_px, -y / r_px, -z / r_px
+
+
+@inner
+def _circle_sd(camera, x, y, z, r_px, covariance):
+    """Standard deviations (x, y, r) in pixels of the circle of a sphere with this covariance (3, 3)."""
+    back = np.zeros((3, 3))  # the inverse of the jacobian
+    back[2, 2] = -r_px / z
+    back[0, 0], back[0, 2] = camera[0] / z, -camera[0] * x / (z * z)
+    back[1, 1], back[1, 2] = camera[1] / z, -camera[1] * y / (z * z)
+    sd = np.zeros(3)
+    for i in range(3):
+        for a in range(3):
+            for b in range(3):
+                sd[i] += back[i, a] * covariance[a, b] * back[i, b]
+        sd[i] = math.sqrt(max(sd[i], 0.0))
+    return sd[0], sd[1], sd[2]
+
+
+@kernel(
+    None, PLANE, PLANE, PLANE, GRID, _F1, _F1, _F1, F8, F8, I8, _F1,
+    F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8,
+)  # fmt: skip
+def _sharpened(
+    y, u, v, grid, camera, params, unsure, radius_m, sigma, rays, limits,
+    x_px, y_px, r_px, reach_px, close, hold, blur_x, blur_y, lean_x, lean_y, stretch_sd,
+):  # fmt: skip
+    """`Outline.sharpened`: the number of edge points (0 for none), circle, its deviations, centre, covariance; edges
+    (rays, 7): x, y, sd, ray, offset, weight, outside, in pixels; share seen, rays inside the picture, explained."""
+    points, sd, ray, offset = np.empty((rays, 2)), np.empty(rays), np.empty(rays), np.empty(rays)
+    directions, weights, outside = np.empty((rays, 3)), np.empty(rays), np.empty(rays)
+    edges, covariance, centre, start = np.zeros((rays, 7)), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    none = (0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), centre, covariance, edges, (0.0, 0.0, 0.0))
+    shrunk = math.sqrt(1.0 - lean_y)
+    start[0], start[1], start[2] = sphere_at(x_px, y_px, r_px * shrunk, radius_m, camera)
+    found_x, found_y, found_r = x_px, y_px, r_px
+    count, in_picture, explained = 0, 0, 0.0
+    for look in range(3):
+        coarse = look == 0 and reach_px > close
+        outline = np.empty((rays // 2 if coarse else rays, 2))
+        if not set_outline(start[0], start[1], start[2], radius_m, camera, outline):
+            return none
+        _lean(outline, lean_x, lean_y, found_y)
+        reach = reach_px if coarse else close
+        count, in_picture, explained = edges_into(
+            y, u, v, grid, outline, r_px, reach, blur_x, blur_y, limits, sigma, params, coarse, points, sd, ray, offset
+        )
+        if count == 0:
+            return none
+        for k in range(count):
+            late = points[k, 1] - found_y
+            a, b = normal_of(camera, points[k, 0] - lean_x * late, points[k, 1] - lean_y * late)
+            length = math.sqrt(1.0 + a * a + b * b)
+            directions[k, 0], directions[k, 1], directions[k, 2] = a / length, b / length, 1.0 / length
+            sd[k] /= camera[0]
+        near = not coarse and look > 0
+        if not fit_rays(
+            directions[:count], sd[:count], radius_m, start, reach / 0.1, FIT_ROUNDS, IMPERFECTION, hold, near,
+            centre, covariance, weights[:count], outside[:count],
+        ):  # fmt: skip
+            return none
+        start[:] = centre
+        before_x, before_y, before_r = found_x, found_y, found_r
+        found_x, found_y, found_r = circle_at(centre[0], centre[1], centre[2], radius_m, camera)
+        if not 0.5 < found_r / r_px < 2.0:
+            return none
+        found_r /= shrunk
+        if not math.hypot(found_x - x_px, found_y - y_px) <= 1.5 * r_px:
+            return none
+        moved = math.hypot(found_x - before_x, found_y - before_y) + abs(found_r - before_r)
+        if not coarse and moved < min(_SETTLED_PX, 0.04 * r_px):
+            break
+    seen = 0
+    for k in range(count):
+        seen += weights[k] > 0.3
+        edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3] = points[k, 0], points[k, 1], sd[k] * camera[0], ray[k]
+        edges[k, 4], edges[k, 5], edges[k, 6] = offset[k], weights[k], outside[k] * camera[0]
+    visible = seen / rays
+    # Neighbouring rays share the pixels, so that on a small marker many rays tell no more than a few.
+    shared = max(1.0, unsure[0] * rays / (2.0 * math.pi * found_r))
+    hidden = _PART_HIDDEN * max(0.0, 0.8 - visible)  # what hides a part may pass for its outline
+    unsure_r = math.hypot(unsure[1], found_r * math.hypot(0.5 * stretch_sd, hidden))
+    jacobian = np.empty((3, 3))
+    _set_jacobian(camera, centre[0], centre[1], centre[2], found_r, jacobian)
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] *= shared
+            for k in range(3):
+                deviation = unsure_r if k == 2 else unsure[1]
+                covariance[i, j] += jacobian[i, k] * jacobian[j, k] * deviation * deviation
+    deviations = _circle_sd(camera, centre[0], centre[1], centre[2], found_r, covariance)
+    return (
+        count, (found_x, found_y, found_r), deviations, centre, covariance, edges,
+        (visible, float(in_picture), explained),
+    )  # fmt: skip

@@ -1,0 +1,134 @@
+"""Where one marker is, in metres and in the picture: the Kalman filter before a camera."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from spheremcap.core.camera import Camera
+from spheremcap.core.circle import Circle
+from spheremcap.core.frame import Frame, Window
+from spheremcap.core.look import Expected, FloatArray, Measured
+from spheremcap.core.optics import Optics
+from spheremcap.core.time import NS_PER_S
+from spheremcap.positioning.kalman import KalmanConfig, Moment, Track3D
+from spheremcap.positioning.sphere import (
+    PositionConfig,
+    circle_of_sphere,
+    image_of_moving,
+    sphere_of_circle,
+    thesis_position,
+)
+
+_GROWTH = 2.0  # greatest ratio of a followed marker's radius to the expected one
+
+
+@dataclass(frozen=True, slots=True)
+class Absence:
+    """A lost marker: where it would be (`xyz_cam_m`), how far from there it can be (`tolerance_m`), the part of the
+    picture where that can show, and the greatest ratio of radii since it was last seen."""
+
+    xyz_cam_m: FloatArray
+    tolerance_m: float
+    region: Window
+    growth: float
+
+
+class Whereabouts:
+    """One marker's filter, and how it was when last verified."""
+
+    def __init__(self, radius_m: float, camera: Camera, kalman: KalmanConfig, position: PositionConfig) -> None:
+        self.radius_m, self.camera, self._position = radius_m, camera, position
+        self._acceleration_mps2 = kalman.acceleration_mps2
+        self.track = Track3D(kalman)
+        self.circle = Circle(0, 0, 1)  # as last verified
+        self.seen = Moment(0, np.zeros(6), np.zeros((6, 6)))  # the filter's state then
+
+    def expect(self, frame: Frame, interval_s: float, optics: Optics, exposure_known: bool) -> Expected | None:
+        """Move the filter to this frame: what it expects of it. None when that is outside the picture, or beyond what
+        the lens model holds for: nobody needs to look."""
+        moment = self.track.predict(frame.stamp_ns)
+        image = image_of_moving(moment.state, self.radius_m, self.camera)
+        if image is None:
+            return None
+        circle, rate_px = image
+        # A wild depth must not make a wild patch.
+        r_px = min(max(circle.r_px, self.circle.r_px / 2), self.circle.r_px * 2)
+        circle = Circle(circle.x_px, circle.y_px, r_px)
+        motion = optics.motion(rate_px, circle, frame.height_px)
+        circle = motion.seen_circle(circle)
+        spread_px = math.sqrt(max(moment.covariance[0, 0], moment.covariance[1, 1])) / moment.state[2]
+        spread_px = float(spread_px) * self.camera.fx_px
+        if outside_px(frame, circle) > circle.r_px + 3 * spread_px:
+            return None
+        place = moment.xyz_cam_m
+        square = float(place @ place)
+        range_sd = math.sqrt(float(place @ moment.covariance[:3, :3] @ place)) / square
+        reach_px = min(max(3 * spread_px, 0.5 * circle.r_px), 3 * circle.r_px)
+        return Expected(circle, spread_px, range_sd, rate_px, interval_s, motion, exposure_known, reach_px)
+
+    def absence(self, frame: Frame, left: bool) -> Absence:
+        """What is known of a lost marker, had it moved on evenly. One that `left` the picture comes back where it went
+        out: it is expected there, give or take the way it can go."""
+        age_s = (frame.stamp_ns - self.seen.stamp_ns) / NS_PER_S
+        variance = np.diag(self.seen.covariance)
+        drift_m = float(np.sqrt(variance[:3].max() + variance[3:].max() * age_s**2))
+        way_m = self.seen.velocity_cam_mps * age_s
+        tolerance_m = 2 * self.radius_m + 3 * drift_m + 0.5 * self._acceleration_mps2 * age_s**2
+        xyz = self.seen.xyz_cam_m
+        if left:
+            tolerance_m += float(np.linalg.norm(way_m))
+        else:
+            xyz = xyz + way_m
+        centre = circle_of_sphere(xyz, self.radius_m, self.camera) or self.circle
+        reach_px = self.circle.r_px * (3 + tolerance_m / self.radius_m)
+        region = Window.around(centre, min(reach_px, 2.0 * max(frame.width_px, frame.height_px)))
+        return Absence(xyz, tolerance_m, region, math.exp(min(0.15 + 2.0 * max(age_s, 0.0), 5.0)))
+
+    def surprise(self, claim: Measured, absence: Absence | None) -> tuple[float, float]:
+        """How far a claim is from where the marker should be, 1 at the farthest that is believed, and the greatest
+        ratio of radii that is."""
+        if absence is None:
+            return self.track.surprise(claim.xyz_cam_m, claim.covariance_m2), _GROWTH
+        slack_m = absence.tolerance_m + 3 * float(np.sqrt(np.trace(claim.covariance_m2)))
+        return float(np.linalg.norm(claim.xyz_cam_m - absence.xyz_cam_m)) / slack_m, absence.growth
+
+    def accept(self, stamp_ns: int, claim: Measured, again: bool) -> None:
+        """Take a verified claim in; `again` starts the filter with it."""
+        if again:
+            self.track.start(stamp_ns, claim.xyz_cam_m, claim.covariance_m2)
+        else:
+            self.track.update(claim.xyz_cam_m, claim.covariance_m2)
+        self.circle, self.seen = claim.circle, self.track.now
+
+    def gone(self, frame: Frame) -> bool:
+        """Whether the filter is sure that the marker is out of the picture."""
+        sure = float(self.track.now.covariance[0, 0]) ** 0.5 < 4 * self.radius_m
+        circle = self.image()
+        return sure and (circle is None or outside_px(frame, circle) > 0.3 * circle.r_px)
+
+    def image(self) -> Circle | None:
+        """The circle under a global shutter where the filter has the marker; None when it has none in the picture."""
+        return circle_of_sphere(self.track.now.xyz_cam_m, self.radius_m, self.camera)
+
+    def placed(self, claim: Measured) -> FloatArray:
+        """The sphere's centre (3,) by the formula of the settings. It is only reported: the filter has that of the
+        edges."""
+        if self._position.formula == "edges":
+            return claim.xyz_cam_m
+        circle = claim.motion.still_circle(claim.circle)
+        if self._position.formula == "circle":
+            return sphere_of_circle(circle, self.radius_m, self.camera)
+        size_m = self.radius_m * (1 if self._position.thesis_size == "radius" else 2)
+        return thesis_position(circle, size_m, self._position.thesis_constant_px, self.camera)
+
+    def reported(self, xyz_cam_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
+        """The covariance (3, 3) with the camera's own uncertainty: a wrong focal length scales the distance."""
+        return covariance_m2 + xyz_cam_m[:, None] * xyz_cam_m * self.camera.focal_sd**2
+
+
+def outside_px(frame: Frame, circle: Circle) -> float:
+    """How far the circle's centre lies outside the picture; 0 inside."""
+    x = max(-circle.x_px, circle.x_px - (frame.width_px - 1), 0.0)
+    y = max(-circle.y_px, circle.y_px - (frame.height_px - 1), 0.0)
+    return max(x, y)

@@ -1,0 +1,100 @@
+"""Named checks: what may speak against a claim that the votes are for.
+
+Each is a pure function of a `Case` that says whether the claim passes; its name goes into the estimate, the recording,
+the debug picture and the request, so that a person reads why a frame was doubted.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from spheremcap.core.circle import Circle
+from spheremcap.verification.jury import JuryConfig
+
+_COVERED = 0.8  # share of a claim's disc from which the marker before it hides it
+_CLEAR, _NO_LEAP = 0.7, 0.6  # share of the outline, and radii off the prediction, of a claim that is no leap
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A claim and what is known of the marker that it would be.
+
+    `claim` and `expected` are circles in the picture, `visible` the share of the claim's outline with an edge and
+    `seeded_visible` that of the seed's. `lost` says that the marker was not being followed. `surprise` is the distance
+    from where the filter has the marker, 1 at the gate (for one that was lost: at the farthest it can have gone);
+    `growth` the greatest ratio of radii, either way, that time allows. `colour` is the shares of the seed's colours
+    inside the claim and in a ring around it, `seeded_colour` those of the seed; None where colour is not asked.
+    `seed_vote` is the mean vote in [0, 1] of the seed's template; None where it is not asked.
+    """
+
+    claim: Circle
+    expected: Circle
+    visible: float
+    seeded_visible: float
+    lost: bool
+    surprise: float
+    growth: float
+    colour: tuple[float, float] | None
+    seeded_colour: tuple[float, float]
+    seed_vote: float | None
+
+
+def _outline(case: Case, jury: JuryConfig) -> bool:
+    """Enough of the outline shows an edge."""
+    return case.visible >= min(jury.lost_visible if case.lost else jury.visible, 0.5 * case.seeded_visible)
+
+
+def _seed(case: Case, jury: JuryConfig) -> bool:
+    """The seed's template, which does not follow, agrees with a claim of which little is seen."""
+    return case.seed_vote is None or case.seed_vote > jury.seed_template
+
+
+def _colour(case: Case, jury: JuryConfig) -> bool:
+    """The claim holds the seed's colours, as far as it is seen."""
+    if case.colour is None:
+        return True
+    least = (jury.lost_colour if case.lost else jury.seed_colour) * max(0.4, case.visible) * case.seeded_colour[0]
+    return case.colour[0] >= least
+
+
+def _part(case: Case, jury: JuryConfig) -> bool:
+    """The seed's colours do not go on around a claim of which little is seen: it would be a part of the marker."""
+    if case.colour is None or case.visible >= 0.6:
+        return True
+    return case.colour[1] <= min(0.75, jury.seed_around + case.seeded_colour[1])
+
+
+def _gate(case: Case, jury: JuryConfig) -> bool:
+    """It is where the marker can be. A clear outline hardly off the prediction is no leap, whatever a filter that has
+    learnt a wrong speed says."""
+    if case.surprise <= 1:
+        return True
+    r_px = case.expected.r_px
+    off = case.claim.distance(case.expected) / r_px + 3 * abs(math.log(case.claim.r_px / r_px))
+    return not case.lost and case.visible > _CLEAR and off < _NO_LEAP
+
+
+def _size(case: Case, jury: JuryConfig) -> bool:
+    """It is as large as the marker can have become."""
+    return 1 / case.growth <= case.claim.r_px / case.expected.r_px <= case.growth
+
+
+CHECKS: Mapping[str, Callable[[Case, JuryConfig], bool]] = {
+    "outline": _outline,
+    "seed": _seed,
+    "colour": _colour,
+    "part": _part,
+    "gate": _gate,
+    "size": _size,
+}
+"""By name. "covered" is the one more, asked when the frame's other markers are settled."""
+
+
+def doubts(case: Case, jury: JuryConfig) -> tuple[str, ...]:
+    """The names of the checks that a claim fails."""
+    return tuple(name for name, passes in CHECKS.items() if not passes(case, jury))
+
+
+def covered(claim: Circle, taken: Sequence[Circle]) -> bool:
+    """Whether a circle of another marker covers this one: that marker then hides it, or is what was found."""
+    return any(claim.shared_area(other) > _COVERED * claim.area_px2 for other in taken)

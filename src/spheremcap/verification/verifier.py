@@ -1,0 +1,101 @@
+"""Is it true: six votes on a claim, and the named checks that the votes alone would not make."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from spheremcap.core.circle import Circle
+from spheremcap.core.frame import Patch
+from spheremcap.core.look import Look, Measured
+from spheremcap.core.vote import Verdict
+from spheremcap.detection.appearance import Appearance
+from spheremcap.detection.detector import Detected
+from spheremcap.verification.checks import Case, covered, doubts
+from spheremcap.verification.jury import JuryConfig, cast_votes, judge, template_vote, vote_sum
+from spheremcap.verification.matching import MatchingConfig, make_template, match
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What was known of a marker before a look: the circle `around` which it was sought and how far, pixels; whether it
+    was `lost`; the circle it should have (`expected`), the greatest ratio of radii (`growth`), and how `surprise`d one
+    is to find it there, as in `Case`."""
+
+    around: Circle
+    reach_px: float
+    lost: bool
+    expected: Circle
+    growth: float
+    surprise: float
+
+
+class Verifier:
+    """One marker's templates and jury. The last verified picture may drift with what is followed; the seed's cannot."""
+
+    def __init__(
+        self,
+        patch: Patch,
+        circle: Circle,
+        appearance: Appearance,
+        jury: JuryConfig,
+        matching: MatchingConfig,
+        colour: bool,
+    ) -> None:
+        """From a seed's circle (image pixels); `colour` False leaves the checks of colour out."""
+        self._jury, self._matching, self._colour = jury, matching, colour
+        self._appearance = appearance
+        self._seeded = self._template = make_template(patch, circle, matching)
+
+    def look(self, patch: Patch, found: Detected, prior: Prior) -> Look:
+        """Six votes on what was found, and the names of what speaks against it."""
+        claim, size = found.claim, prior.around.r_px
+        circle = claim.circle if claim is not None else None
+        reach_px = min(prior.reach_px, size)
+        if circle is not None:
+            reach_px = max(reach_px, min(circle.distance(prior.around) + 0.3 * size, 2 * size))
+        # A lost marker may look as it did when last verified or as it did when a person showed it.
+        tried = []
+        for template in (self._template, self._seeded) if prior.lost else (self._template,):
+            matches = match(template, patch, prior.around, reach_px, self._matching)
+            votes = cast_votes(matches, circle)
+            tried.append((vote_sum(votes), votes, matches))
+        total, votes, matches = max(tried, key=lambda one: one[0])
+        verdict = judge(total, self._jury) if claim is not None else Verdict.REJECTED
+        against = ("no outline",) if claim is None else self._doubts(patch, claim, prior)
+        if claim is not None and verdict is not Verdict.VERIFIED:
+            against = ("votes", *against)
+        return Look(
+            prior.around,
+            patch,
+            found.proposals,
+            found.hough,
+            found.limits,
+            claim,
+            matches,
+            votes,
+            total,
+            verdict,
+            against,
+        )
+
+    def _doubts(self, patch: Patch, claim: Measured, prior: Prior) -> tuple[str, ...]:
+        appearance, vote = self._appearance, None
+        if claim.visible < 0.7 and not prior.lost:
+            vote = template_vote(self._seeded, appearance.gain, patch, claim.circle, self._matching)
+        case = Case(
+            claim.circle, prior.expected, claim.visible, appearance.visible, prior.lost, prior.surprise, prior.growth,
+            colour=appearance.shares(patch, claim.circle) if self._colour else None,
+            seeded_colour=(appearance.inside, appearance.around),
+            seed_vote=vote,
+        )  # fmt: skip
+        return doubts(case, self._jury)
+
+    def learn(self, patch: Patch, circle: Circle) -> None:
+        """Take the template from a verified circle (image pixels)."""
+        self._template = make_template(patch, circle, self._matching)
+
+
+def uncovered(look: Look, taken: Sequence[Circle]) -> Look:
+    """The look, doubted when the circle of another marker covers its claim."""
+    if look.claim is None or not covered(look.claim.circle, taken):
+        return look
+    return replace(look, doubts=(*look.doubts, "covered"))

@@ -1,0 +1,201 @@
+"""The filter before a camera: what it expects of a frame, how far it looks for what was lost, what it hands out."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from scenes import CAMERA, RADIUS_M
+from spheremcap.core.circle import Circle
+from spheremcap.core.frame import Frame
+from spheremcap.core.look import EdgePoints, Measured
+from spheremcap.core.optics import AT_REST, Optics
+from spheremcap.core.time import NS_PER_S
+from spheremcap.positioning.kalman import KalmanConfig
+from spheremcap.positioning.sphere import PositionConfig, circle_of_sphere
+from spheremcap.positioning.whereabouts import Whereabouts, outside_px
+
+CALM = KalmanConfig(acceleration_mps2=2.0)
+STEP_NS = 4_000_000
+
+
+def frame_at(stamp_ns):
+    return Frame(0, stamp_ns, CAMERA.width_px, CAMERA.height_px)
+
+
+def claim(xyz, sd_m=1e-4):
+    xyz = np.array(xyz, float)
+    edges = EdgePoints(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.intp), np.zeros(0), 48, 1.0)
+    circle = circle_of_sphere(xyz, RADIUS_M, CAMERA) or Circle(0, 0, 15)
+    return Measured(circle, (0.1,) * 3, xyz, np.eye(3) * sd_m**2, 1.0, "kcf", edges, np.zeros(0), np.zeros(0), AT_REST)
+
+
+def moving(start, velocity, frames=12, kalman=CALM, camera=CAMERA, position=None):
+    """After so many frames at an even speed; the stamp of the last one is `(frames - 1) * STEP_NS`."""
+    where = Whereabouts(RADIUS_M, camera, kalman, position or PositionConfig())
+    for k in range(frames):
+        xyz = np.array(start) + np.array(velocity) * (k * STEP_NS / NS_PER_S)
+        if k:
+            where.track.predict(k * STEP_NS)
+        where.accept(k * STEP_NS, claim(xyz), again=k == 0)
+    return where
+
+
+def expect(where, ahead, optics=None):
+    stamp_ns = where.seen.stamp_ns + int(ahead * STEP_NS)
+    return where.expect(frame_at(stamp_ns), STEP_NS / NS_PER_S, optics or Optics(), True)
+
+
+def test_it_is_expected_where_an_even_motion_brings_it():
+    where = moving((-0.05, 0.0, 0.8), (1.0, 0.5, 0.0))
+    found = expect(where, 1)
+    true = circle_of_sphere(np.array([-0.05, 0.0, 0.8]) + np.array([1.0, 0.5, 0.0]) * 0.048, RADIUS_M, CAMERA)
+    assert found.circle.distance(true) < 0.1
+    np.testing.assert_allclose(found.rate_px, [600 / 0.8, 300 / 0.8], rtol=0.02)
+    assert found.reach_px == 0.5 * found.circle.r_px  # sure of it
+    assert found.range_sd == pytest.approx(np.sqrt(where.track.now.covariance[2, 2]) / 0.8, rel=0.05)
+
+
+def test_it_is_looked_for_farther_away_the_less_is_known_but_never_beyond_three_radii():
+    found = [expect(moving((0, 0, 0.8), (0, 0, 0), kalman=KalmanConfig()), n) for n in (1, 4, 8, 40)]
+    spreads = [e.spread_px for e in found]
+    assert spreads == sorted(spreads)
+    assert found[1].reach_px == pytest.approx(max(3 * found[1].spread_px, 0.5 * found[1].circle.r_px))
+    assert found[-1].spread_px > found[-1].circle.r_px
+    assert found[-1].reach_px == pytest.approx(3 * found[-1].circle.r_px)
+
+
+def test_a_lean_and_a_streak_are_those_of_its_speed_and_the_circle_is_as_seen():
+    optics = Optics(exposure_s=0.002, readout_s=0.01)
+    where = moving((0.0, -0.05, 0.8), (0.0, 1.5, 0.0))
+    found, global_one = expect(where, 1, optics), expect(moving((0.0, -0.05, 0.8), (0.0, 1.5, 0.0)), 1)
+    np.testing.assert_allclose(found.motion.blur_px, found.rate_px * 0.002)
+    lean = 0.01 * found.rate_px[1] / (CAMERA.height_px - 1)
+    assert found.motion.lean[1] == pytest.approx(lean)
+    assert found.circle.r_px / global_one.circle.r_px == pytest.approx(1 / np.sqrt(1 - lean))
+
+
+def test_nothing_is_expected_once_it_is_surely_outside_the_picture():
+    where = moving((0.03, 0.0, 0.8), (4.0, 0.0, 0.0))  # 12 px a frame
+    seen = []
+    for n in range(1, 12):
+        found = where.expect(frame_at(where.seen.stamp_ns + n * STEP_NS), 0.004, Optics(), True)
+        circle = where.image()
+        spread_px = np.sqrt(where.track.now.covariance[0, 0]) / where.track.now.state[2] * CAMERA.fx_px
+        out = outside_px(frame_at(0), circle)
+        assert (found is None) == (out > circle.r_px + 3 * spread_px)
+        seen.append(found is None)
+    assert seen == sorted(seen)
+    assert set(seen) == {False, True}
+
+
+@pytest.mark.parametrize(("towards", "times"), [(-6.0, 2.0), (6.0, 0.5)])
+def test_a_wild_depth_does_not_make_a_wild_circle(towards, times):
+    """It comes at the camera, or goes, for so long that its circle would be anything."""
+    where = moving((0.0, 0.0, 0.8), (0.0, 0.0, towards))
+    found = expect(where, 20 if towards < 0 else 60)
+    assert circle_of_sphere(where.track.now.xyz_cam_m, RADIUS_M, CAMERA).r_px != pytest.approx(found.circle.r_px)
+    assert found.circle.r_px == pytest.approx(times * where.circle.r_px)
+
+
+def test_behind_the_camera_there_is_nothing_to_expect():
+    where = moving((0.0, 0.0, 0.3), (0.0, 0.0, -6.0), frames=5)
+    assert expect(where, 20) is None
+    assert where.image() is None
+    assert where.gone(frame_at(0))
+
+
+@pytest.mark.parametrize(("out", "gone"), [(0.25, False), (0.35, True)])
+def test_it_is_gone_when_the_filter_is_sure_that_its_middle_is_well_outside(out, gone):
+    z = 0.8
+    r_px = 600 * RADIUS_M / z
+    x = (319 + out * r_px - 159.5) / 600 * z
+    assert moving((x, 0, z), (0, 0, 0)).gone(frame_at(0)) == gone
+    unsure = moving((x, 0, z), (0, 0, 0))
+    unsure.track.predict(unsure.seen.stamp_ns + 40 * STEP_NS)
+    vague = Whereabouts(RADIUS_M, CAMERA, KalmanConfig(), PositionConfig())
+    vague.accept(0, claim((x, 0, z), sd_m=4.1 * RADIUS_M), again=True)
+    assert not vague.gone(frame_at(0))
+
+
+# -- lost ------------------------------------------------------------------------------------------
+
+
+def test_a_lost_one_is_looked_for_where_an_even_motion_would_have_it():
+    where = moving((-0.05, 0.0, 0.8), (1.0, 0.0, 0.0))
+    absence = where.absence(frame_at(where.seen.stamp_ns + 25 * STEP_NS), left=False)
+    np.testing.assert_allclose(absence.xyz_cam_m, where.seen.xyz_cam_m + np.array([0.1, 0, 0]), atol=2e-3)
+    centre = circle_of_sphere(absence.xyz_cam_m, RADIUS_M, CAMERA)
+    assert absence.region.holds(centre.x_px, centre.y_px)
+    middle = absence.region.x + absence.region.width / 2
+    assert middle == pytest.approx(centre.x_px, abs=1.5)
+
+
+def test_one_that_left_the_picture_is_looked_for_where_it_went_out():
+    where = moving((0.1, 0.0, 0.8), (1.0, 0.0, 0.0))
+    stamp_ns = where.seen.stamp_ns + 25 * STEP_NS
+    went, strayed = (where.absence(frame_at(stamp_ns), left=left) for left in (True, False))
+    np.testing.assert_array_equal(went.xyz_cam_m, where.seen.xyz_cam_m)
+    assert went.tolerance_m == pytest.approx(strayed.tolerance_m + 0.1, abs=2e-3)  # the way it can have gone and come
+
+
+def test_the_longer_it_is_away_the_farther_and_the_larger_it_may_be():
+    where = moving((0.0, 0.0, 0.8), (0.0, 0.0, 0.0))
+    found = [where.absence(frame_at(where.seen.stamp_ns + int(s * NS_PER_S)), left=False) for s in (0.0, 0.1, 1, 60)]
+    for less, more in pairwise(found):
+        assert more.tolerance_m > less.tolerance_m
+        assert more.growth > less.growth or more.growth == pytest.approx(np.exp(5))
+        assert more.region.width >= less.region.width
+    assert found[0].growth == pytest.approx(np.exp(0.15))
+    assert found[1].growth == pytest.approx(np.exp(0.35))
+    assert found[-1].region.width <= 4 * 320 + 3  # bounded, however long
+
+
+def test_a_claim_is_as_surprising_as_it_is_far_from_where_it_can_be():
+    where = moving((0.0, 0.0, 0.8), (0.0, 0.0, 0.0))
+    absence = where.absence(frame_at(where.seen.stamp_ns + 10 * STEP_NS), left=False)
+    slack = absence.tolerance_m + 3 * np.sqrt(3) * 1e-4
+    at_the_edge = claim(absence.xyz_cam_m + np.array([slack, 0, 0]))
+    assert where.surprise(at_the_edge, absence) == (pytest.approx(1.0), absence.growth)
+    surprise, growth = where.surprise(claim((0.0, 0.0, 0.8)), None)
+    assert surprise < 0.1
+    assert growth == 2.0
+    assert where.surprise(claim((0.05, 0.0, 0.8)), None)[0] > 1
+
+
+def test_the_last_verified_state_stays_while_the_filter_goes_on():
+    where = moving((0.0, 0.0, 0.8), (1.0, 0.0, 0.0))
+    seen, circle = where.seen, where.circle
+    expect(where, 5)
+    assert where.seen is seen
+    assert where.circle is circle
+    assert where.track.now.stamp_ns == seen.stamp_ns + 5 * STEP_NS
+
+
+def test_starting_again_forgets_the_speed():
+    where = moving((0.0, 0.0, 0.8), (1.0, 0.0, 0.0))
+    assert where.track.moving_known
+    where.accept(where.seen.stamp_ns + STEP_NS, claim((0.1, 0.0, 0.8)), again=True)
+    assert not where.track.moving_known
+    np.testing.assert_array_equal(where.seen.velocity_cam_mps, 0)
+
+
+# -- handed out ------------------------------------------------------------------------------------
+
+
+def test_the_focal_lengths_uncertainty_is_along_the_ray():
+    where = moving((0.1, 0.0, 0.8), (0.0, 0.0, 0.0), camera=replace(CAMERA, focal_sd=0.03))
+    place = np.array([0.1, -0.2, 0.8])
+    np.testing.assert_allclose(
+        where.reported(place, np.eye(3) * 1e-6), np.eye(3) * 1e-6 + 9e-4 * np.outer(place, place)
+    )
+
+
+@pytest.mark.parametrize(("formula", "off"), [("edges", 0.0), ("circle", 0.001), ("thesis", 0.02)])
+def test_a_formula_changes_what_is_reported_and_not_the_filter(formula, off):
+    where = moving((0.1, 0.05, 0.8), (0.0, 0.0, 0.0), position=PositionConfig(formula=formula))
+    placed = where.placed(claim((0.1, 0.05, 0.8)))
+    assert np.linalg.norm(placed - (0.1, 0.05, 0.8)) <= off or formula == "thesis"
+    assert (np.linalg.norm(placed - (0.1, 0.05, 0.8)) > off) == (formula == "thesis")
+    np.testing.assert_allclose(where.track.now.xyz_cam_m, (0.1, 0.05, 0.8), atol=1e-6)

@@ -1,0 +1,340 @@
+"""Sub-pixel edge points on a marker's outline, each with its own uncertainty.
+
+Along rays across the expected outline the pixel values are mixtures of marker and background. Mixing is a sum in
+linear light only, so the sRGB curve is undone first. Each ray is projected on the colour difference that tells
+marker from background there whatever the light does, the marker's limb darkening is allowed for, and the edge is
+where the step that the lens and the known motion make (a Gaussian, swept along the blur) explains the profile best by
+least squares, both levels left free.
+"""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from reference.colour import hsv_of, inside
+from spheremcap.core.frame import Frame
+from spheremcap.core.look import EdgePoints
+from spheremcap.detection.edge import EdgeConfig
+
+FloatArray = npt.NDArray[np.float64]
+
+_STEP = 0.7  # px between samples on a ray
+_DEEP = 16  # samples between the edge and the deepest place, at most
+_READ_PLAINLY = 0.87  # of chroma's blur is left where every pixel has its own
+
+
+def find_edges(
+    frame: Frame,
+    outline_px: FloatArray,
+    r_px: float,
+    reach_px: float,
+    blur_px: FloatArray,
+    limits: FloatArray | None,
+    config: EdgeConfig,
+    coarse: bool = False,
+    thinned: bool = True,
+) -> EdgePoints | None:
+    """Edge points near an expected outline (image pixels, (N, 2), clockwise on screen); None when there is no contrast.
+
+    The arguments are those of `spheremcap.detection.edge.find_edges`; not `thinned`: the part of a ray that is deep in
+    the marker has places as close together as the part around the edge.
+    """
+    count = len(outline_px)
+    ring = np.concatenate([outline_px[-1:], outline_px, outline_px[:1]])
+    tangent = ring[2:] - ring[:-2]
+    tangent /= np.sqrt((tangent * tangent).sum(axis=1, keepdims=True))
+    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+
+    across, along = normal @ blur_px, tangent @ blur_px
+    sigma = config.blur_sigma_px + 0.5 * config.chroma_sigma_px
+    margin = sigma + 0.2
+    half_blur = np.abs(across) / 2
+    outer = reach_px + margin + float(half_blur.max())
+    inner = min(max(outer, 0.6 * r_px), 0.95 * r_px)
+    step = _STEP * (1 if r_px < 40 else 2) * (2 if coarse else 1) * (1 if half_blur.max() < 2 else 1.4)
+    fine = step / 2
+    u = np.arange(-np.ceil(inner / step), np.ceil(outer / step) + 1) * step  # (M,)
+    close_in = min(int(outer / step), int(np.ceil(inner / step)))
+    if thinned:
+        stride = max(1, int(np.ceil((inner / step - close_in) / _DEEP)))
+        deeper = max(0, int(np.ceil((inner / step - close_in) / stride)))
+        u = np.concatenate([-(close_in + np.arange(deeper, 0, -1) * stride) * step, u[u >= -close_in * step]])
+
+    deep_places = int((u < -close_in * step).sum())
+    samples = _sample(frame, outline_px[:, None, :] + normal[:, None, :] * u[None, :, None], deep_places)  # (N, M, 3)
+    ends = outline_px[:, None, :] + normal[:, None, :] * np.array([-margin, margin])[:, None]
+    inside = ((ends >= 0) & (ends <= (frame.width_px - 1, frame.height_px - 1))).all(axis=(1, 2))
+    if inside.sum() < 8:
+        return None
+
+    # Levels on either side, clear of the blurred edge, and the colour difference between them.
+    clear = margin + half_blur
+    depth = np.minimum(clear + 0.5 * reach_px, 0.6 * inner)[:, None]
+    deep = (u[None, :] < -depth) & (u[None, :] > -0.9 * r_px)
+    close = deep & (u[None, :] > -depth - 0.15 * r_px - 0.5)
+    far = u[None, :] > (clear + 0.5 * reach_px - 0.5)[:, None]
+    far[:, -2:] = True
+    colour_in = _level(samples, close)
+    colour_out = _level(samples, far)
+    reference = np.sort(colour_in[inside], axis=0)[int(inside.sum()) // 2]
+    # What may vary without being an edge: the background's texture and the marker's own shading. A direction that is
+    # blind to both (Fisher's discriminant) sees a coloured marker's edge whatever the light does to it.
+    within = 0.25 * _scatter(colour_out[inside]) + 0.2 * _scatter(samples[deep & inside[:, None]])
+    difference = reference - colour_out
+    direction = np.linalg.solve(within + np.eye(3) * config.balance**2, difference.T).T
+    if not config.chroma:
+        direction[:, 1:] = 0
+    direction /= np.sqrt(np.maximum((direction * direction).sum(axis=1, keepdims=True), 1e-24))
+    profile = np.einsum("nmc,nc->nm", samples, direction)  # (N, M)
+
+    shift = np.arange(-np.ceil(reach_px / fine), np.ceil(reach_px / fine) + 1) * fine  # (K,)
+    near = np.abs(u) <= outer
+    first = int(near.argmax())
+    uu = u[near]
+    v = np.arange(uu[0] - shift[-1], uu[-1] - shift[0] + fine / 2, fine)  # edge-centred abscissa
+    if config.shading and not coarse:
+        limb = _limb(to_linear(samples[..., 0]), u, r_px, deep & inside[:, None], close, v)
+    else:
+        limb = np.ones((count, len(v)))
+    chroma_sigma = config.chroma_sigma_px * (1 if frame.planes.grid[0] > 1 else _READ_PLAINLY)
+    expected = _profile(
+        v, limb, colour_in, colour_out, across, along, r_px, config.blur_sigma_px, chroma_sigma
+    )  # (N, V, 3)
+    shape = np.einsum("nvc,nc->nv", expected - expected[:, -1:], direction)
+
+    wanted = np.arange(len(shift))
+    # Template for shift k at sample m: abscissa u_m - shift_k.
+    index = (
+        np.rint((uu[0] - v[0]) / fine).astype(int)
+        + np.arange(len(uu))[None, :] * 2
+        - (wanted - (len(shift) // 2))[:, None]
+    )
+    index = np.clip(index, 0, len(v) - 1)
+    data = profile[:, first : first + len(uu)]
+    data = data - data.mean(axis=1, keepdims=True)
+    template = shape[:, index]  # (N, K, m)
+    template = template - template.mean(axis=2, keepdims=True)
+    power = np.maximum(np.einsum("nkm,nkm->nk", template, template), 1e-12)
+    like = np.einsum("nkm,nm->nk", template, data)
+    rise = like / power  # step seen over step expected
+    sse = (data * data).sum(axis=1)[:, None] - like * rise
+    sse = np.where(rise > 0.2, np.maximum(sse, 0), np.inf)
+    best = sse.argmin(axis=1)
+    rows = np.arange(count)
+    interior = (best > 0) & (best < len(shift) - 1) & inside & np.isfinite(sse[rows, best])
+    k = np.clip(best, 1, len(shift) - 2)
+    left, mid, right = sse[rows, k - 1], sse[rows, k], sse[rows, k + 1]
+    with np.errstate(invalid="ignore"):
+        bend = left - 2 * mid + right
+        interior &= np.isfinite(bend) & (bend > 0)
+        offset = shift[k] + np.where(interior, 0.5 * (left - right) / np.where(bend > 0, bend, 1) * fine, 0)
+        noise2 = np.maximum(mid / max(1, len(uu) - 3), config.noise**2)
+        # Half the second derivative of the SSE is the Fisher information times the noise variance.
+        sd = np.sqrt(noise2 / np.maximum(bend / fine**2 / 2, 1e-12))
+    contrast = rise[rows, k] * np.sqrt(power[rows, k] / noise2)
+    keep = interior & (contrast > config.least_contrast) & np.isfinite(sd) & (sd < 2.0)
+    if limits is not None:
+        keep &= _marker_coloured(frame, outline_px + normal * (offset - 1.5 - half_blur - sigma)[:, None], limits)
+    if keep.sum() < 6:
+        return None
+    points = outline_px + normal * offset[:, None]
+    total = float((data[keep] ** 2).sum())
+    explained = 1 - float(mid[keep].sum()) / max(total, 1e-12)
+    return EdgePoints(
+        points[keep],
+        np.maximum(sd[keep], 0.02),
+        np.flatnonzero(keep),
+        offset[keep],
+        int(inside.sum()),
+        explained,
+    )
+
+
+def _sample(frame: Frame, xy: FloatArray, deep_places: int) -> FloatArray:
+    """Luma and chroma (N, M, 3), code values 0..1, at places (N, M, 2), bilinear; chroma of half resolution by a
+    quadratic B-spline, but for the first `deep_places` of a ray. The border repeats."""
+    y, u, v, grid = frame.planes
+    to_bgr = grid[4:].reshape(3, 4)
+    at = (xy - grid[2:4]) / grid[:2]
+    planes = np.stack([_bilinear(y, xy), _bilinear(u, at), _bilinear(v, at)], axis=-1)
+    if grid[0] > 1:
+        near = at[:, deep_places:]
+        planes[:, deep_places:, 1:] = np.stack([_spline(u, near), _spline(v, near)], axis=-1)
+    return (planes @ to_bgr[:, :3].T + to_bgr[:, 3]) @ (_BGR_TO_YCC.T / 255)
+
+
+def _bilinear(plane: npt.NDArray[np.uint8], xy: FloatArray) -> FloatArray:
+    rows, columns = plane.shape
+    x, y = np.clip(xy[..., 0], 0, columns - 1), np.clip(xy[..., 1], 0, rows - 1)
+    j, i = x.astype(int), y.astype(int)
+    a, b, k, n = x - j, y - i, np.minimum(j + 1, columns - 1), np.minimum(i + 1, rows - 1)
+    return (1 - b) * ((1 - a) * plane[i, j] + a * plane[i, k]) + b * ((1 - a) * plane[n, j] + a * plane[n, k])
+
+
+def _spline(plane: npt.NDArray[np.uint8], xy: FloatArray) -> FloatArray:
+    """The quadratic B-spline of a plane: weights (1/2 - a)^2 / 2, 3/4 - a^2, (1/2 + a)^2 / 2 of the three nearest."""
+    nearest = np.floor(xy + 0.5).astype(int)
+    off = xy - nearest
+    weights = np.stack([0.5 * (0.5 - off) ** 2, 0.75 - off**2, 0.5 * (0.5 + off) ** 2])
+    total = np.zeros(xy.shape[:-1])
+    for m in range(3):
+        for n in range(3):
+            i = np.clip(nearest[..., 1] + m - 1, 0, plane.shape[0] - 1)
+            j = np.clip(nearest[..., 0] + n - 1, 0, plane.shape[1] - 1)
+            total += weights[m, ..., 1] * weights[n, ..., 0] * plane[i, j]
+    return total
+
+
+def _level(samples: FloatArray, where: npt.NDArray[np.bool_]) -> FloatArray:
+    """Mean colour (N, 3) of each ray over the samples chosen."""
+    weight = where / np.maximum(where.sum(axis=1, keepdims=True), 1)
+    return np.einsum("nmc,nm->nc", samples, weight)
+
+
+def _scatter(colours: npt.NDArray[np.floating]) -> FloatArray:
+    """Covariance (3, 3) of colours (N, 3); zero for none."""
+    off = colours - colours.mean(axis=0) if len(colours) else np.zeros((1, 3))
+    return (off.T @ off / max(1, len(off))).astype(np.float64)
+
+
+def _marker_coloured(frame: Frame, at: FloatArray, limits: FloatArray) -> npt.NDArray[np.bool_]:
+    """Whether a third of the nine pixels around each place (N, 2) have the marker's colours."""
+    y, u, v, grid = frame.planes
+    to_bgr = grid[4:].reshape(3, 4)
+    own = np.zeros(len(at), int)
+    for off in np.ndindex(3, 3):
+        xy = at + np.array(off) - 1
+        chroma = (xy - grid[2:4]) / grid[:2]
+        planes = np.stack([_bilinear(y, xy), _bilinear(u, chroma), _bilinear(v, chroma)], axis=-1)
+        own += inside(limits, hsv_of(np.clip(planes @ to_bgr[:, :3].T + to_bgr[:, 3], 0, 255)))
+    return own >= 3
+
+
+def _limb(
+    brightness: FloatArray,
+    u: FloatArray,
+    r_px: float,
+    where: npt.NDArray[np.bool_],
+    close: npt.NDArray[np.bool_],
+    v: FloatArray,
+) -> FloatArray:
+    """How the marker darkens (or brightens) towards its limb: (N, len(v)) against the distance `v` from the edge,
+    relative to each ray's mean over the samples `close`.
+
+    A matt ball lit from all around the camera follows A + C nz, nz the normal's share towards the camera. One C for
+    all rays, each with its own brightness, is fitted by ridge to the samples `where`, twice, highlights left out the
+    second time. What differs from ray to ray is left to the free level of each: carrying it on to the limb was tried
+    with spherical harmonics and moved the centre by 0.1 px.
+    """
+    nz = np.sqrt(1 - np.clip(1 + u / r_px, 0, 1) ** 2)[None, :]
+    limb_nz = np.sqrt(1 - np.clip(1 + v / r_px, 0, 1) ** 2)[None, :]
+    keep = where.astype(np.float64)
+    slope = 0.0
+    for _ in range(2):
+        count = np.maximum(keep.sum(axis=1, keepdims=True), 1)
+        level = np.maximum((brightness * keep).sum(axis=1, keepdims=True) / count, 1e-6)
+        mean_nz = (nz * keep).sum(axis=1, keepdims=True) / count
+        off_nz, off = (nz - mean_nz) * keep, (brightness / level - 1) * keep
+        slope = float((off_nz * off).sum() / ((off_nz * off_nz).sum() + 0.02 * keep.sum() + 1e-9))
+        rest = np.abs(off - slope * off_nz)
+        kept = rest[keep > 0]
+        if len(kept) < 24:
+            break
+        usual = float(np.partition(kept, len(kept) // 2)[len(kept) // 2])
+        keep = keep * (rest < 2.5 * max(1.48 * usual, 0.02))
+    near = (nz * close).sum(axis=1, keepdims=True) / np.maximum(close.sum(axis=1, keepdims=True), 1)
+    here = np.maximum(1 + slope * (near - mean_nz), 0.1)
+    return np.clip((1 + slope * (limb_nz - mean_nz)) / here, 0.1, 4)  # type: ignore[no-any-return]
+
+
+def _profile(
+    v: FloatArray,
+    limb: FloatArray,
+    colour_in: FloatArray,
+    colour_out: FloatArray,
+    across: FloatArray,
+    along: FloatArray,
+    r_px: float,
+    sigma: float,
+    chroma_sigma: float,
+) -> FloatArray:
+    """What video shows along each ray (N, len(v), 3) of an edge at v = 0, marker at v < 0: luma and chroma.
+
+    Light mixes linearly under the lens blur and the motion, then the camera's curve is applied, then chroma is blurred
+    once more by its half resolution. Mixing coded values instead would shift the edge towards the darker side.
+    """
+    fine = float(v[1] - v[0])
+    # Blur moves a curved edge inwards by sigma^2 / 2r: by the lens here, by the chroma further down.
+    inwards = sigma**2 / (2 * r_px)
+    step = np.clip(0.5 - (v + inwards) / fine, 0, 1)
+    both = _gauss(np.concatenate([step[None, :], step * limb]), sigma / fine)
+    cover, light = _swept(both[0], both[1:], across / fine, along / fine, r_px / fine)
+    inner, outer = to_linear(_to_bgr(colour_in)), to_linear(_to_bgr(colour_out))
+    mixed = light[:, :, None] * inner[:, None, :] + (1 - cover)[:, :, None] * outer[:, None, :]
+    coded = to_code(mixed) @ _BGR_TO_YCC.T
+    chroma = coded[..., 1:].transpose(0, 2, 1).reshape(-1, len(v))
+    soft = _gauss(chroma, chroma_sigma / fine)
+    part = min(1.0, 1.5 * chroma_sigma**2 / (2 * r_px) / fine)  # 1.5: sampled twice, in both directions
+    soft[:, :-1] += part * (soft[:, 1:] - soft[:, :-1])
+    soft = soft.reshape(len(limb), 2, len(v)).transpose(0, 2, 1)
+    return np.concatenate([coded[..., :1], soft], axis=2)
+
+
+def _gauss(rows: FloatArray, sigma: float) -> FloatArray:
+    """Each row blurred by a Gaussian of `sigma` samples; the ends repeat."""
+    taps = int(np.ceil(3 * sigma))
+    kernel = np.exp(-0.5 * (np.arange(-taps, taps + 1) / sigma) ** 2)
+    return cv2.filter2D(rows, -1, (kernel / kernel.sum())[None, :], borderType=cv2.BORDER_REPLICATE)  # type: ignore[return-value]
+
+
+def _swept(
+    cover: FloatArray, light: FloatArray, across: FloatArray, along: FloatArray, r: float
+) -> tuple[FloatArray, FloatArray]:
+    """Coverage (V,) and light (N, V) averaged over the exposure, as (N, V); all lengths in samples.
+
+    At time t in [-1/2, 1/2] of the exposure the outline lies t * across - (t * along)^2 / 2r further out: a mean over
+    `across` samples, from a running sum, about a place that lies along^2 / 24r further in.
+    """
+    if float(np.hypot(across, along).max()) < 1.0:
+        return np.broadcast_to(cover, light.shape), light
+    length = light.shape[1]
+    both = np.concatenate([np.broadcast_to(cover, light.shape)[:, None], light[:, None]], axis=1)  # (N, 2, V)
+    sums = np.concatenate([np.zeros((*both.shape[:2], 1)), both.cumsum(axis=2)], axis=2)  # up to a sample's left side
+    half = np.maximum(np.abs(across), 1.0)[:, None] / 2
+    middle = np.arange(length) + 0.5 + (along * along / (24 * r))[:, None]
+    ends = np.stack([(middle - half).clip(0, length - 1), (middle + half).clip(1, length - 1e-6)], axis=1)  # (N, 2, V)
+    low = ends.astype(np.intp)
+    part = ends - low
+    rows = np.arange(len(light))[:, None, None]
+    swept = []
+    for one in (0, 1):
+        left = sums[rows, one, low]
+        swept.append(np.diff(left + part * both[rows, one, low], axis=1)[:, 0] / np.diff(ends, axis=1)[:, 0])
+    return swept[0], swept[1]
+
+
+_LEVELS = np.linspace(0, 1, 2049)
+_TO_LINEAR = np.where(_LEVELS <= 0.04045, _LEVELS / 12.92, ((_LEVELS + 0.055) / 1.055) ** 2.4)
+_TO_CODE = np.where(_LEVELS**2 <= 0.0031308, _LEVELS**2 * 12.92, 1.055 * _LEVELS ** (2 / 2.4) - 0.055)
+_BGR_TO_YCC = np.array(
+    [
+        [0.114, 0.587, 0.299],
+        [-0.114 * 0.713, -0.587 * 0.713, 0.701 * 0.713],
+        [0.886 * 0.564, -0.587 * 0.564, -0.299 * 0.564],
+    ]
+)
+_YCC_TO_BGR = np.linalg.inv(_BGR_TO_YCC)
+
+
+def to_linear(code: npt.NDArray[np.floating]) -> FloatArray:
+    """Linear light 0..1 of code values 0..1, by the sRGB curve (IEC 61966-2-1), from a table."""
+    return _TO_LINEAR[(np.clip(code, 0, 1) * 2048 + 0.5).astype(np.intp)]  # type: ignore[no-any-return]
+
+
+def to_code(linear: npt.NDArray[np.floating]) -> FloatArray:
+    """Code values 0..1 of linear light 0..1; the table runs over the square root, which is nearly even in code."""
+    return _TO_CODE[(np.sqrt(np.clip(linear, 0, 1)) * 2048 + 0.5).astype(np.intp)]  # type: ignore[no-any-return]
+
+
+def _to_bgr(ycc: FloatArray) -> FloatArray:
+    return ycc @ _YCC_TO_BGR.T

@@ -1,0 +1,284 @@
+"""The named checks: each at both sides of its bounds, and each where on rendered frames nothing but it speaks."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from scenes import BLUE, CAMERA, ORANGE, RADIUS_M, Ball, Cover, ball_at, bgr_frame, picture, truth
+from spheremcap.chain import ChainConfig, MarkerChain
+from spheremcap.core.circle import Circle
+from spheremcap.core.estimate import Status
+from spheremcap.core.marker import MarkerSpec, Seed
+from spheremcap.session import Session
+from spheremcap.verification.checks import CHECKS, Case, covered, doubts
+from spheremcap.verification.jury import JuryConfig
+
+JURY = JuryConfig()
+HERE = Circle(100.0, 80.0, 20.0)
+GOOD = Case(
+    HERE, HERE, visible=1.0, seeded_visible=1.0, lost=False, surprise=0.1, growth=2.0,
+    colour=(1.0, 0.0), seeded_colour=(1.0, 0.0), seed_vote=None,
+)  # fmt: skip
+
+
+def less(value):
+    return value - 1e-9
+
+
+def more(value):
+    return value + 1e-9
+
+
+def passes(name, jury=JURY, **changes):
+    """What the check says of the good case so changed; no other check may be asked for it."""
+    case = replace(GOOD, **changes)
+    said = CHECKS[name](case, jury)
+    assert (name in doubts(case, jury)) == (not said)
+    return said
+
+
+# -- as functions ----------------------------------------------------------------------------------
+
+
+def test_a_good_claim_passes_all_of_them():
+    assert doubts(GOOD, JURY) == ()
+    assert tuple(CHECKS) == ("outline", "seed", "colour", "part", "gate", "size")
+
+
+def test_all_that_speaks_against_a_claim_is_named_in_order():
+    bad = Case(HERE.shifted(90, 0), Circle(100, 80, 5), 0.1, 1.0, False, 9.0, 2.0, (0.0, 1.0), (1.0, 0.0), 0.1)
+    assert doubts(bad, JURY) == tuple(CHECKS)
+
+
+@pytest.mark.parametrize(
+    ("lost", "seeded_visible", "least"),
+    [(False, 1.0, 0.3), (True, 1.0, 0.4), (False, 0.4, 0.2), (True, 0.4, 0.2), (True, 0.7, 0.35)],
+)
+def test_outline_asks_for_enough_of_it_but_for_no_more_than_half_of_what_the_seed_showed(lost, seeded_visible, least):
+    assert passes("outline", visible=more(least), seeded_visible=seeded_visible, lost=lost)
+    assert not passes("outline", visible=less(least), seeded_visible=seeded_visible, lost=lost)
+
+
+def test_outlines_bounds_are_the_configs():
+    assert passes("outline", JuryConfig(visible=0.2), visible=0.25)
+    assert not passes("outline", JuryConfig(lost_visible=0.45), visible=0.42, lost=True)
+
+
+def test_seed_asks_for_more_than_its_least_vote_where_it_is_asked():
+    assert passes("seed", seed_vote=None)
+    assert passes("seed", seed_vote=more(0.6))
+    assert not passes("seed", seed_vote=0.6)
+    assert passes("seed", JuryConfig(seed_template=0.5), seed_vote=0.6)
+
+
+@pytest.mark.parametrize(
+    ("lost", "visible", "seeded", "least"),
+    [
+        (False, 1.0, 1.0, 0.6),
+        (False, 0.5, 1.0, 0.3),
+        (False, 0.4, 1.0, 0.24),
+        (False, 0.1, 1.0, 0.24),  # little seen asks for no less
+        (False, 1.0, 0.5, 0.3),
+        (True, 1.0, 1.0, 0.8),
+        (True, 0.5, 0.5, 0.2),
+    ],
+)
+def test_colour_asks_for_the_seeds_colours_as_far_as_the_claim_is_seen(lost, visible, seeded, least):
+    case = {"lost": lost, "visible": visible, "seeded_colour": (seeded, 0.0)}
+    assert passes("colour", **case, colour=(more(least), 0.0))
+    assert not passes("colour", **case, colour=(less(least), 0.0))
+
+
+def test_where_colour_is_not_asked_it_says_nothing():
+    assert passes("colour", colour=None)
+    assert passes("part", colour=None, visible=0.1)
+
+
+@pytest.mark.parametrize(("around", "most"), [(0.0, 0.55), (0.1, 0.65), (0.2, 0.75), (0.5, 0.75)])
+def test_part_lets_the_colour_go_on_around_little_more_than_around_the_seed(around, most):
+    case = {"visible": 0.5, "seeded_colour": (1.0, around)}
+    assert passes("part", **case, colour=(1.0, less(most)))
+    assert not passes("part", **case, colour=(1.0, more(most)))
+
+
+def test_part_says_nothing_of_a_claim_whose_outline_is_seen():
+    assert passes("part", colour=(1.0, 1.0), visible=0.6)
+    assert not passes("part", colour=(1.0, 1.0), visible=less(0.6))
+
+
+def test_gate_opens_up_to_one():
+    far = HERE.shifted(60, 0)
+    assert passes("gate", claim=far, surprise=1.0)
+    assert not passes("gate", claim=far, surprise=more(1.0))
+
+
+@pytest.mark.parametrize(
+    ("claim", "within"),
+    [
+        (HERE.shifted(less(12.0), 0), True),  # 0.6 of the expected radius
+        (HERE.shifted(more(12.0), 0), False),
+        (replace(HERE, r_px=20 * math.exp(0.1999)), True),  # three times the logarithm of the sizes
+        (replace(HERE, r_px=20 * math.exp(-0.1999)), True),
+        (replace(HERE, r_px=20 * math.exp(0.2001)), False),
+        (replace(HERE, r_px=20 * math.exp(-0.2001)), False),
+        (Circle(100 + 6.1, 80, 20 * math.exp(0.1)), False),  # both together
+        (Circle(100 + 5.9, 80, 20 * math.exp(0.1)), True),
+    ],
+)
+def test_a_clear_outline_hardly_off_the_prediction_is_no_leap_whatever_the_filter_says(claim, within):
+    assert passes("gate", claim=claim, surprise=50.0) == within
+    assert not passes("gate", claim=claim, surprise=50.0, visible=0.7)  # not clear
+    assert not passes("gate", claim=claim, surprise=50.0, lost=True)  # nothing was predicted
+
+
+@pytest.mark.parametrize("growth", [1.2, 2.0])
+def test_size_may_change_by_the_growth_that_time_allows_either_way(growth):
+    assert passes("size", growth=growth, claim=replace(HERE, r_px=less(20 * growth)))
+    assert passes("size", growth=growth, claim=replace(HERE, r_px=more(20 / growth)))
+    assert not passes("size", growth=growth, claim=replace(HERE, r_px=more(20 * growth)))
+    assert not passes("size", growth=growth, claim=replace(HERE, r_px=less(20 / growth)))
+
+
+def test_a_claim_is_covered_from_four_fifths_of_its_disc_on():
+    assert not covered(HERE, [])
+    assert not covered(HERE, [replace(HERE, r_px=less(20 * math.sqrt(0.8)))])
+    assert covered(HERE, [replace(HERE, r_px=more(20 * math.sqrt(0.8)))])
+    assert covered(HERE, [HERE.shifted(200, 0), replace(HERE, r_px=60.0)])
+
+
+def test_two_that_cover_half_each_do_not_cover_it_together():
+    assert not covered(HERE, [HERE.shifted(-12, 0), HERE.shifted(12, 0)])
+
+
+# -- on rendered frames ----------------------------------------------------------------------------
+
+
+def follow(scene, marker, count, config=None):
+    """Seed on frame 0 and follow: `scene(i)` is the picture, `marker(i)` the true ball."""
+    chain = MarkerChain(MarkerSpec("marker", 2 * RADIUS_M), CAMERA, config or ChainConfig())
+    estimates = [chain.seed(bgr_frame(scene(0), 0), truth(marker(0)))]
+    return estimates + [chain.step(bgr_frame(scene(i), i)) for i in range(1, count)]
+
+
+def doubted_only_by(name, estimates):
+    """The frames where this check alone stands between a claim and VERIFIED."""
+    found = [e for e in estimates if e.reasons == (name,)]
+    assert found
+    for estimate in found:
+        assert not estimate.status.measured
+        assert estimate.claim is not None
+        assert estimate.vote_sum > JURY.th1
+    return found
+
+
+def still(i):
+    return ball_at(120 + 0.4 * i, 120, 15)
+
+
+def test_the_colour_check_sees_another_ball_grow_in_the_markers_middle():
+    """Little by little: the template follows, six votes to nought; outline and size are the marker's."""
+
+    def scene(i):
+        share = min(0.8, 0.02 * max(0, i - 6))
+        here = truth(still(i))
+        other = ball_at(here.x_px, here.y_px, 15 * share, rgb=BLUE, radius_m=0.8 * RADIUS_M * share) if share else None
+        return picture(still(i), *([other] if other else []), noise_seed=i)
+
+    estimates = follow(scene, still, 46)
+    doubted = doubted_only_by("colour", estimates)
+    assert all(e.status is Status.VERIFIED for e in estimates[1 : doubted[0].frame_index])
+    assert not any(e.status.measured for e in estimates[doubted[0].frame_index :])
+
+
+def test_the_gate_does_not_let_a_hidden_marker_leap_to_one_alike():
+    def scene(i):
+        return picture(still(i) if i < 12 else ball_at(120 + 0.4 * i + 22, 120, 15), noise_seed=i)
+
+    estimates = follow(scene, still, 15)
+    assert [e.frame_index for e in doubted_only_by("gate", estimates)] == [12, 13, 14]
+    for estimate in estimates[12:]:
+        assert estimate.claim.distance(truth(still(estimate.frame_index))) > 20
+        assert estimate.circle.distance(truth(still(estimate.frame_index))) < 5  # the filter's own
+
+
+def test_the_seeds_template_doubts_a_part_of_a_marker_whose_mark_has_moved():
+    """A dark mark goes from the middle to the rim, so slowly that the last verified picture always agrees."""
+
+    def marker(i):
+        return ball_at(160, 120, 15)
+
+    def scene(i):
+        moved = 0.3 * max(0, min(i - 8, 27))
+        mark = ball_at(162 - moved, 122 - moved, 4.5, rgb=(20, 30, 60), radius_m=0.006)
+        return picture(marker(i), mark, covers=(Cover(164, 90, 204, 150),) if i > 3 else (), noise_seed=i)
+
+    estimates = follow(scene, marker, 38)
+    assert doubted_only_by("seed", estimates)[0].frame_index > 25
+    assert min(e.vote_sum for e in estimates[1:]) > 5
+
+
+def test_the_size_check_does_not_take_a_larger_ball_for_a_marker_that_was_lost_for_a_moment():
+    def marker(i):
+        return ball_at(150, 120, 50)
+
+    def scene(i):
+        if i < 6:
+            return picture(marker(i), noise_seed=i)
+        return picture(*([Ball(marker(i).xyz, ORANGE, 1.35 * RADIUS_M)] if i >= 12 else []), noise_seed=i)
+
+    estimates = follow(scene, marker, 18)
+    assert estimates[11].status is Status.LOST
+    assert [e.frame_index for e in doubted_only_by("size", estimates)] == [*range(12, 18)]
+
+
+def test_the_outline_check_ends_it_when_a_slit_closes_on_the_marker():
+    """Colours, votes and the seed's template are for it to the end; there is just no outline left to measure."""
+
+    def scene(i):
+        half = max(2, 17 - 0.25 * max(0, i - 10))
+        x = truth(still(i)).x_px
+        covers = Cover(int(x - half) - 40, 0, int(x - half), 240), Cover(int(x + half), 0, int(x + half) + 40, 240)
+        return picture(still(i), covers=covers if i >= 10 else (), noise_seed=i)
+
+    estimates = follow(scene, still, 62)
+    doubted = doubted_only_by("outline", estimates)
+    assert max(e.visible for e in doubted) < JURY.visible
+    assert min(e.visible for e in estimates if e.status is Status.VERIFIED) >= JURY.visible
+
+
+def test_the_part_check_doubts_a_claim_around_which_the_colour_goes_on():
+    """Before a wall of its own colour: what is still seen of an outline might be a part of something larger."""
+    wall = Ball((0.08, 0.0, 1.3), ORANGE, 0.12)
+
+    def marker(i):
+        return ball_at(90 + 1.5 * i, 120, 15)
+
+    estimates = follow(lambda i: picture(wall, marker(i), noise_seed=i, shading=0), marker, 52)
+    doubted = doubted_only_by("part", estimates)
+    assert all(JURY.visible <= e.visible < 0.6 for e in doubted)
+
+
+def test_a_marker_that_another_one_covers_is_not_taken_for_it():
+    """Two of one colour cross; the nearer one has the circle, and the farther one is told so."""
+
+    def far(i):
+        return Ball((-0.07 + 0.0025 * i, 0.0, 0.9))
+
+    def near(i):
+        return Ball((0.07 - 0.0025 * i, 0.0, 0.85))
+
+    markers = tuple(MarkerSpec(name, 2 * RADIUS_M) for name in ("far", "near"))
+    session = Session(CAMERA, markers, (Seed("far", 0, truth(far(0))), Seed("near", 0, truth(near(0)))))
+    results = list(session.run(bgr_frame(picture(far(i), near(i), noise_seed=i), i) for i in range(56)))
+    hidden = [r.estimates[0] for r in results if "covered" in r.estimates[0].reasons]
+    assert any(e.reasons == ("covered",) for e in hidden)
+    for estimate in hidden:
+        assert not estimate.status.measured
+    for result in results:
+        behind, before = result.estimates
+        assert before.status.measured
+        assert before.circle.distance(truth(near(result.frame_index))) < 1
+        if behind.status.measured:
+            assert behind.circle.distance(truth(far(result.frame_index))) < 1.5
+    assert results[-1].estimates[0].status is Status.VERIFIED

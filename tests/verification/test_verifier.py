@@ -1,0 +1,117 @@
+"""The verifier's templates: which one is asked when, and what becomes of what they say."""
+
+import numpy as np
+import pytest
+
+from scenes import BLUE, ball_at, bgr_frame, picture, truth
+from spheremcap.core.frame import Patch, Window
+from spheremcap.core.look import EdgePoints, Measured
+from spheremcap.core.optics import AT_REST
+from spheremcap.core.vote import Verdict
+from spheremcap.detection.appearance import Appearance
+from spheremcap.detection.colour import ColourConfig
+from spheremcap.detection.detector import Detected
+from spheremcap.verification import verifier as rooms
+from spheremcap.verification.jury import JuryConfig
+from spheremcap.verification.matching import MatchingConfig
+from spheremcap.verification.verifier import Prior, Verifier
+
+BALL = ball_at(160, 120, 15)
+HERE = truth(BALL)
+
+
+def marked(dx, dy, seed=0):
+    """The ball with a dark mark off its middle."""
+    mark = ball_at(160 + dx, 120 + dy, 5, rgb=(20, 30, 60), radius_m=0.0065)
+    return Patch(bgr_frame(picture(BALL, mark, noise_seed=seed)), Window(100, 60, 121, 121))
+
+
+def claim(circle=HERE, visible=1.0):
+    edges = EdgePoints(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.intp), np.zeros(0), 48, 1.0)
+    return Measured(
+        circle, (0.1,) * 3, np.array([0, 0, 1.0]), np.eye(3), visible, "kcf", edges, np.zeros(0), np.zeros(0), AT_REST
+    )
+
+
+def started(patch, **jury):
+    appearance = Appearance(patch, HERE, 1.0, ColourConfig())
+    return Verifier(patch, HERE, appearance, JuryConfig(**jury), MatchingConfig(), colour=True)
+
+
+def look(verifier, patch, lost=False, measured=None, reach_px=7.0, around=HERE):
+    found = Detected((("kcf", HERE),), (), None, measured)
+    return verifier.look(patch, found, Prior(around, reach_px, lost, around, 2.0, 0.1))
+
+
+FIRST, LATER = marked(-5, -5), marked(5, 5)
+
+
+def test_a_followed_marker_is_compared_with_its_last_verified_picture_alone():
+    verifier = started(FIRST)
+    as_first = look(verifier, FIRST, measured=claim()).vote_sum
+    verifier.learn(LATER, HERE)
+    assert look(verifier, marked(5, 5, 1), measured=claim()).vote_sum > 5.5
+    assert look(verifier, marked(-5, -5, 1), measured=claim()).vote_sum < as_first - 1
+
+
+@pytest.mark.parametrize("dx", [-5, 5])
+def test_a_lost_one_may_look_as_it_did_last_or_as_it_did_when_a_person_showed_it(dx):
+    verifier = started(FIRST)
+    verifier.learn(LATER, HERE)
+    assert look(verifier, marked(dx, dx, 1), lost=True, measured=claim()).vote_sum > 5.5
+
+
+def test_the_seeds_template_does_not_follow(monkeypatch):
+    asked = []
+    vote = rooms.template_vote
+
+    def spied(template, *rest):
+        asked.append((template, vote(template, *rest)))
+        return asked[-1][1]
+
+    monkeypatch.setattr(rooms, "template_vote", spied)
+    verifier = started(FIRST)
+    look(verifier, FIRST, measured=claim(visible=0.69))
+    for _ in range(3):
+        verifier.learn(LATER, HERE)
+    look(verifier, FIRST, measured=claim(visible=0.69))
+    look(verifier, FIRST, measured=claim(visible=0.7))  # seen well enough
+    look(verifier, FIRST, measured=claim(visible=0.1), lost=True)  # it has had its vote
+    assert len(asked) == 2
+    np.testing.assert_array_equal(asked[0][0].pixels, asked[1][0].pixels)
+    assert asked[1][1] > 0.97
+
+
+def test_votes_too_few_are_the_first_of_the_reasons():
+    verifier = started(FIRST, th1=6.0, th2=5.99)
+    doubted = look(verifier, marked(-5, -5, 1), measured=claim())
+    assert (doubted.verdict, doubted.doubts) == (Verdict.REJECTED, ("votes",))
+    doubtful = look(started(FIRST, th1=6.0, th2=3.0), marked(-5, -5, 1), measured=claim())
+    assert (doubtful.verdict, doubtful.doubts) == (Verdict.DOUBTFUL, ("votes",))
+    hidden = look(verifier, marked(-5, -5, 1), measured=claim(visible=0.1))
+    assert hidden.doubts == ("votes", "outline")
+
+
+def test_without_a_claim_all_six_are_cast_and_the_reason_is_that_there_was_no_outline():
+    nothing = look(started(FIRST), marked(-5, -5, 1))
+    assert (nothing.verdict, nothing.doubts, nothing.vote_sum) == (Verdict.REJECTED, ("no outline",), 0)
+    assert len(nothing.votes) == 6
+
+
+def test_without_colours_the_checks_of_colour_are_not_asked():
+    blue = Patch(bgr_frame(picture(ball_at(160, 120, 15, rgb=BLUE))), Window(100, 60, 121, 121))
+    for colour, named in ((True, True), (False, False)):
+        appearance = Appearance(FIRST, HERE, 1.0, ColourConfig())
+        verifier = Verifier(FIRST, HERE, appearance, JuryConfig(), MatchingConfig(), colour=colour)
+        assert ("colour" in look(verifier, blue, measured=claim()).doubts) == named
+
+
+def test_votes_reach_as_far_as_the_claim_lies_but_no_further_than_two_radii():
+    def reach(measured, reach_px):
+        return (look(started(FIRST), FIRST, measured=measured, reach_px=reach_px).maps.values.shape[1] - 1) / 2
+
+    a_px = 12.8 / HERE.r_px
+    assert reach(claim(), 7.0) == round(7.0 * a_px)
+    assert reach(claim(), 40.0) == round(HERE.r_px * a_px)  # of the prior's reach no more than a radius
+    assert reach(claim(HERE.shifted(20, 0)), 7.0) == round((20 + 0.3 * HERE.r_px) * a_px)
+    assert reach(claim(HERE.shifted(60, 0)), 7.0) == round(2 * HERE.r_px * a_px)
