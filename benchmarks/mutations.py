@@ -67,7 +67,8 @@ FAULTS = (
     ),
     Fault(
         8, "sphere: covariance not widened by residuals", "positioning/sphere.py",
-        "wider = max(1.0, spread / max(1.0, effective - 3.0))", "wider = 1.0", ("tests/positioning/test_sphere.py",),
+        "wider = max(1.0, spread / max(1.0, effective - 3.0))", "wider = 1.0",
+        ("tests/positioning/test_fit_covariance.py",),
     ),
     Fault(
         9, "sphere: hold kept to the end", "positioning/sphere.py",
@@ -305,10 +306,11 @@ class Copy:
             "PYTHONDONTWRITEBYTECODE": "1",
         }  # fmt: skip
         out = [f"--deselect={test}" for file in tests for test in self.broken.get(file, ())]
-        done = subprocess.run(
-            [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, *out, *tests],
-            cwd=self.tree, env=environment, capture_output=True, text=True, check=False,
-        )  # fmt: skip
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, *out, *tests]
+        for _ in range(2):
+            done = subprocess.run(command, cwd=self.tree, env=environment, capture_output=True, text=True, check=False)
+            if done.returncode >= 0:  # else something else on this machine ended it
+                break
         return done.returncode, done.stdout + done.stderr
 
     def without(self, file: str) -> str:

@@ -1,5 +1,6 @@
 """What chain and session decide and hand out, on rendered frames: each rule where only it makes the difference."""
 
+from copy import deepcopy
 from dataclasses import fields, is_dataclass, replace
 from functools import lru_cache
 
@@ -157,7 +158,9 @@ def test_lost_frames_carry_votes_and_reasons_of_the_best_candidate():
         looks = chain.look(frame)
         assert len(looks) == 2
         best = max(looks, key=lambda look: look.vote_sum)
+        other_way_round = deepcopy(chain).settle(frame, looks[::-1])
         estimate = chain.settle(frame, looks)
+        assert_same(estimate, other_way_round)
         assert estimate.status is Status.LOST
         assert [v.matcher for v in estimate.votes] == list(MATCHERS)
         assert (estimate.votes, estimate.vote_sum, estimate.verdict) == (best.votes, best.vote_sum, best.verdict)
@@ -177,6 +180,18 @@ def test_misses_grow_by_one_a_frame_however_many_candidates_there_were():
         steps(chain, [i], swollen)
         misses.append(chain.misses)
     assert misses == list(range(1, 12))
+
+
+def test_a_verified_frame_ends_the_count_of_misses():
+    chain = seeded()
+    counts = []
+    for i in range(1, 19):
+        steps(chain, [i], seen if i % 4 == 0 or i < 4 else empty)
+        counts.append(chain.misses)
+    assert counts[3:] == [0, 1, 2, 3] * 3 + [0, 1, 2]
+    assert chain.status is Status.ESTIMATED
+    again = chain.seed(bgr_frame(seen(19), 19), truth(gliding(19)))
+    assert (again.status, chain.misses) == (Status.SEEDED, 0)
 
 
 def test_where_nothing_was_found_the_reason_says_so():

@@ -34,7 +34,10 @@ class CameraSettings(StageConfig):
     focal_sd: float = Field(0.0, ge=0, description="relative uncertainty of the focal length")
     exposure_s: float = Field(0.0, ge=0, description="exposure time in seconds for the motion blur model; 0: unknown")
     readout_s: float | None = Field(
-        None, ge=0, description="rolling shutter: seconds from the first row to the last; 0: global shutter"
+        None,
+        gt=-1,
+        lt=1,
+        description="rolling shutter: seconds from the first row to the last; 0: global shutter, negative: upside down",
     )
 
     @model_validator(mode="after")

@@ -36,7 +36,8 @@ class Measured:
 
     `visible` is the share of the outline that shows an edge, `edge_weights` (N,) and `edges_outside_px` (N,) what the
     fit made of the edge points: weight in [0, 1], and how far outside the fitted outline. `motion` is the blur and lean
-    with which the edges were found. `proposer` names the stage whose circle it was.
+    with which the edges were found. `proposer` names the stage whose circle it was. `in_picture` is the share of the
+    outline that lies inside the picture at all.
     """
 
     circle: Circle
@@ -49,6 +50,7 @@ class Measured:
     edge_weights: FloatArray
     edges_outside_px: FloatArray
     motion: Motion
+    in_picture: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

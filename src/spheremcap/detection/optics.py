@@ -24,7 +24,7 @@ EXPOSURES = (0.0, 0.15, 0.3, 0.5, 0.75, 1.0)
 """Exposure times that are tried, in frame intervals."""
 BLUR_SHOWS_PX = 5.0  # motion in a frame interval from which blur can be told
 _CLEAR = 0.6  # share of the outline that a claim has to show to teach anything
-_BEYOND_DOUBT = 4.0  # standard deviations
+_BEYOND_DOUBT = 7.0  # standard deviations: what shading makes of an outline has reached six on a global shutter
 _LOOKS = 12  # as many looks are taken closely together; later ones are few, and old ones fade
 _SOFTNESS_LOOKS = (3, 8, 24, 72, 216, 648)  # after so many clear claims
 _SHARED = 16.0  # claims that share an error: neighbours in time

@@ -118,7 +118,7 @@ class Outline:
         return Measured(
             Circle(*circle_out), sd, xyz, covariance, seen[0], proposer,
             EdgePoints(points, rest[2], rest[3].astype(np.intp), rest[4], int(seen[1]), seen[2]),
-            rest[5], rest[6], motion,
+            rest[5], rest[6], motion, seen[1] / self._edge.rays,
         )  # fmt: skip
 
     def explained(self, frame: Frame, claim: Measured, motions: Sequence[Motion]) -> FloatArray:

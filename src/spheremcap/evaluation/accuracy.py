@@ -231,6 +231,7 @@ def variants(base: ChainConfig) -> Mapping[str, ChainConfig]:
     trusting = {"th1": 0.0, "th2": 0.0, "visible": 0.0, "seed_colour": 0.0, "seed_around": 1.0, "seed_template": 0.0}
     return {
         "whole chain": base,
+        'every stage on every frame (when_sure = "run")': base.model_copy(update={"when_sure": "run"}),
         "no KCF": without("kcf", enabled=False),
         "no GeometryScale": without("points", enabled=False),
         "no Hough": without("hough", enabled=False),

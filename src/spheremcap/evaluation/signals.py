@@ -20,7 +20,7 @@ def scale(lab: Lab) -> Result:
     frame rate, where a filter on its own knows less.
     """
     whole = lab.trial("scale")
-    base = whole.settings.chain
+    base = whole.settings.chain.model_copy(update={"when_sure": "run"})  # KCF's proposal on every frame
     without = base.model_copy(update={"points": base.points.model_copy(update={"enabled": False})})
     truth = {row.frame_index: row.circle.r_px for row in whole.truth if row.circle is not None}
     proposed: dict[str, tuple[FloatArray, FloatArray]] = {}

@@ -12,6 +12,7 @@ from spheremcap.core.circle import Circle
 from spheremcap.verification.jury import JuryConfig
 
 _COVERED = 0.8  # share of a claim's disc from which the marker before it hides it
+_LITTLE, _LEAST_IN_PICTURE = 0.6, 0.3  # shares of the outline
 _CLEAR, _NO_LEAP = 0.7, 0.6  # share of the outline, and radii off the prediction, of a claim that is no leap
 
 
@@ -24,7 +25,8 @@ class Case:
     from where the filter has the marker, 1 at the gate (for one that was lost: at the farthest it can have gone);
     `growth` the greatest ratio of radii, either way, that time allows. `colour` is the shares of the seed's colours
     inside the claim and in a ring around it, `seeded_colour` those of the seed; None where colour is not asked.
-    `seed_vote` is the mean vote in [0, 1] of the seed's template; None where it is not asked.
+    `seed_vote` is the mean vote in [0, 1] of the seed's template; None where it is not asked. `in_picture` is the share
+    of the claim's outline inside the picture.
     """
 
     claim: Circle
@@ -37,6 +39,12 @@ class Case:
     colour: tuple[float, float] | None
     seeded_colour: tuple[float, float]
     seed_vote: float | None
+    in_picture: float = 1.0
+
+    @property
+    def little_seen(self) -> bool:
+        """Whether something may hide a good part of the outline; what the picture's border cuts off is not hidden."""
+        return self.visible < _LITTLE * max(self.in_picture, _LEAST_IN_PICTURE)
 
 
 def _outline(case: Case, jury: JuryConfig) -> bool:
@@ -59,7 +67,7 @@ def _colour(case: Case, jury: JuryConfig) -> bool:
 
 def _part(case: Case, jury: JuryConfig) -> bool:
     """The seed's colours do not go on around a claim of which little is seen: it would be a part of the marker."""
-    if case.colour is None or case.visible >= 0.6:
+    if case.colour is None or not case.little_seen:
         return True
     return case.colour[1] <= min(0.75, jury.seed_around + case.seeded_colour[1])
 

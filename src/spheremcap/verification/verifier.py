@@ -86,6 +86,7 @@ class Verifier:
             colour=appearance.shares(patch, claim.circle) if self._colour else None,
             seeded_colour=(appearance.inside, appearance.around),
             seed_vote=vote,
+            in_picture=claim.in_picture,
         )  # fmt: skip
         return doubts(case, self._jury)
 
