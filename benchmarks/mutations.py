@@ -181,7 +181,11 @@ FAULTS = (
     ),
     Fault(
         122, "checks: a part only where almost nothing is seen", "verification/checks.py",
-        "case.visible >= 0.6", "case.visible >= 0.3", (CHECKS,),
+        "_LITTLE, _LEAST_IN_PICTURE = 0.6, 0.3", "_LITTLE, _LEAST_IN_PICTURE = 0.3, 0.3", (CHECKS,),
+    ),
+    Fault(
+        124, "checks: what the border cuts off counts as hidden", "verification/checks.py",
+        "_LITTLE * max(self.in_picture, _LEAST_IN_PICTURE)", "_LITTLE", (CHECKS,),
     ),
     Fault(
         123, "checks: a lost marker may leap", "verification/checks.py", "return not case.lost and case.visible",

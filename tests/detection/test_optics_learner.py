@@ -253,7 +253,7 @@ def test_without_learning_the_lens_is_as_the_settings_say():
 # -- rendered --------------------------------------------------------------------------------------
 
 LINEAR = to_linear(np.arange(256))
-SHARES = (np.arange(8) + 0.5) / 8 - 0.5
+SHARES = (np.arange(7) + 0.5) / 7 - 0.5
 
 
 def swinging(i, x=0.0):
@@ -264,7 +264,9 @@ def swinging(i, x=0.0):
 @lru_cache(maxsize=200)
 def blurred(i, share, x=0.0):
     """The picture while the shutter is open for this share of the frame interval, mixed in linear light."""
-    light = np.mean([LINEAR[picture(swinging(i + share * k, x), noise=0)] for k in SHARES], axis=0)
+    light = np.mean(
+        [LINEAR[picture(swinging(i + share * k, x), noise=0)] for k in (SHARES if share else [0.0])], axis=0
+    )
     noise = np.random.default_rng(i).normal(0, 2, light.shape)
     return np.clip(np.rint(to_code(light) + noise), 0, 255).astype(np.uint8)
 

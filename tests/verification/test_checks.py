@@ -107,6 +107,13 @@ def test_part_says_nothing_of_a_claim_whose_outline_is_seen():
     assert not passes("part", colour=(1.0, 1.0), visible=less(0.6))
 
 
+@pytest.mark.parametrize(("in_picture", "least"), [(1.0, 0.6), (0.55, 0.33), (0.3, 0.18), (0.1, 0.18)])
+def test_what_the_pictures_border_cuts_off_is_not_hidden(in_picture, least):
+    """Down to a third of the outline: what is less than that proves nothing."""
+    assert passes("part", colour=(1.0, 1.0), visible=more(least), in_picture=in_picture)
+    assert not passes("part", colour=(1.0, 1.0), visible=less(least), in_picture=in_picture)
+
+
 def test_gate_opens_up_to_one():
     far = HERE.shifted(60, 0)
     assert passes("gate", claim=far, surprise=1.0)
