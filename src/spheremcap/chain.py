@@ -247,7 +247,7 @@ class MarkerChain:
         if self.metric and (measured is not None or self.status is Status.ESTIMATED):
             xyz, covariance = place, where.reported(place, spread)
             velocity = where.track.now.velocity_cam_mps if where.track.moving_known else None
-        nothing = () if measured is not None else ("out of view" if self.status.tracked else "not found",)
+        nothing = () if measured is not None else ("not found" if self.status is Status.LOST else "out of view",)
         return MarkerEstimate(
             self.spec.name, frame.index, frame.stamp_ns, self.status, circle,
             None if measured is None else measured.circle_sd_px,

@@ -49,10 +49,12 @@ class OpticsLearner:
 
     def now(self, interval_s: float) -> Optics:
         """The optics for frames that are `interval_s` apart."""
-        if interval_s not in self._now:
+        known = self._now.get(interval_s)
+        if known is None:
             exposure_s = self._given_exposure_s or self._exposure.best(EXPOSURES) * interval_s
-            self._now = {interval_s: Optics(exposure_s, *self._readout_s(interval_s), self._soft())}
-        return self._now[interval_s]
+            known = Optics(exposure_s, *self._readout_s(interval_s), self._soft())
+            self._now = {interval_s: known}
+        return known
 
     def _soft(self) -> float:
         if self._softness.looks == 0:
