@@ -166,13 +166,13 @@ class MarkerChain:
         absence, last = where.absence(frame, self.status is Status.OUT_OF_VIEW), where.circle
         softness, looks = self.optics.now(self._interval_s).softness, []
         for candidate in detector.candidates(frame, absence.region, last, stages.appearance):
-            patch = stages.follower.patch(frame, replace(candidate, r_px=max(last.r_px, candidate.r_px)))
+            patch = stages.follower.patch(frame, candidate.resized(max(last.r_px, candidate.r_px)))
             found = detector.claimed(frame, patch, candidate, last, softness, stages.appearance)
             if found.claim is None:
                 continue
             surprise, growth = where.surprise(found.claim, absence)
-            around = replace(candidate, r_px=found.claim.circle.r_px)
-            reach_px, expected = 0.75 * candidate.r_px, replace(candidate, r_px=last.r_px)
+            around = candidate.resized(found.claim.circle.r_px)
+            reach_px, expected = 0.75 * candidate.r_px, candidate.resized(last.r_px)
             looks.append(stages.verifier.look(patch, found, Prior(around, reach_px, True, expected, growth, surprise)))
         return tuple(looks)
 
@@ -212,7 +212,6 @@ class MarkerChain:
         self._stages.follower.miss()
         self.misses += 1
         sight = Sight(
-            accepted=False,
             rejected=look is None or look.verdict is Verdict.REJECTED,
             gone=self.status.tracked and self.whereabouts.gone(frame),
             misses=self.misses,

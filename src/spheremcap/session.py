@@ -48,8 +48,9 @@ class Session:
 
     `camera` must fit the frames' size; `metric` False means it is only assumed and no metres are given out.
     `keep_view` says for which estimates the stages' pictures are kept. The markers' looks at a frame run side by side
-    in up to `threads` threads (None: as many as there are processors); results do not depend on how many. Raises
-    UsageError for a seed of an unknown marker, outside the picture or twice on one frame, or for a marker without one.
+    in up to `threads` threads (None: as many as there are processors but one, which decodes); results do not depend on
+    how many. Raises UsageError for a seed of an unknown marker, outside the picture or twice on one frame, or for a
+    marker without one.
     """
 
     def __init__(
@@ -81,7 +82,7 @@ class Session:
                 )
             self._lanes[marker.name] = _Lane(MarkerChain(marker, camera, chain, metric=metric, optics=optics), own)
         self._metric = metric
-        self._threads = min(threads or os.cpu_count() or 1, len(self._lanes))
+        self._threads = min(threads or max(1, (os.cpu_count() or 2) - 1), len(self._lanes))
 
     def run(self, frames: Iterable[Frame]) -> Iterator[FrameResult]:
         """One FrameResult a frame, in order, each held back until the smoother's lag has passed.

@@ -1,7 +1,5 @@
 """Sub-pixel outlines of shaded spheres: through MarkerChain.seed, and the edge points themselves."""
 
-from dataclasses import astuple
-
 import numpy as np
 import pytest
 
@@ -307,14 +305,14 @@ def test_an_edge_out_of_reach_is_not_taken_for_one_within():
 
 def two_coloured(ball, left, right):
     """The picture of a ball that has another colour to the right of its centre."""
-    halves = [picture(ball_at(*astuple(truth(ball)), rgb=rgb), noise_seed=3) for rgb in (left, right)]
+    halves = [picture(ball_at(*truth(ball), rgb=rgb), noise_seed=3) for rgb in (left, right)]
     return np.where(np.arange(halves[0].shape[1])[None, :, None] < truth(ball).x_px, *halves)
 
 
 def colours_of(ball):
     """The limits of an orange marker's colours."""
     circle = truth(ball)
-    patch = Patch(bgr_frame(picture(ball_at(*astuple(circle)))), Window.around(circle, 2 * circle.r_px))
+    patch = Patch(bgr_frame(picture(ball_at(*circle))), Window.around(circle, 2 * circle.r_px))
     config = ColourConfig()
     return learn_box(disc_pixels(patch, circle, config.sample), config).limits()
 

@@ -1,7 +1,5 @@
 """KCF and points together: how large the patch is, and whose word on the size counts."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -47,7 +45,7 @@ def test_without_points_the_filters_size_stands(how):
 
 @pytest.mark.parametrize("wrong", [0.8, 1.25])
 def test_points_move_the_filters_size_by_a_tenth_at_most(wrong):
-    what = expected(replace(BEFORE, r_px=BEFORE.r_px * wrong), range_sd=10.0)
+    what = expected(BEFORE.resized(BEFORE.r_px * wrong), range_sd=10.0)
     assert followed(what).r_px / what.circle.r_px == pytest.approx(1.1 if wrong < 1 else 0.9, abs=1e-3)
 
 
@@ -78,5 +76,5 @@ def test_kcf_is_trained_on_every_so_many_verified_circles(monkeypatch):
     monkeypatch.setattr(follower._kcf, "train", lambda patch, circle: trained.append(circle))
     patch = follower.patch(bgr_frame(picture(SMALL)), BEFORE)
     for k in range(8):
-        follower.learn(patch, replace(BEFORE, r_px=20.0 + k))
+        follower.learn(patch, BEFORE.resized(20.0 + k))
     assert [c.r_px for c in trained] == [20, 23, 26]

@@ -125,10 +125,10 @@ def test_gate_opens_up_to_one():
     [
         (HERE.shifted(less(12.0), 0), True),  # 0.6 of the expected radius
         (HERE.shifted(more(12.0), 0), False),
-        (replace(HERE, r_px=20 * math.exp(0.1999)), True),  # three times the logarithm of the sizes
-        (replace(HERE, r_px=20 * math.exp(-0.1999)), True),
-        (replace(HERE, r_px=20 * math.exp(0.2001)), False),
-        (replace(HERE, r_px=20 * math.exp(-0.2001)), False),
+        (HERE.resized(20 * math.exp(0.1999)), True),  # three times the logarithm of the sizes
+        (HERE.resized(20 * math.exp(-0.1999)), True),
+        (HERE.resized(20 * math.exp(0.2001)), False),
+        (HERE.resized(20 * math.exp(-0.2001)), False),
         (Circle(100 + 6.1, 80, 20 * math.exp(0.1)), False),  # both together
         (Circle(100 + 5.9, 80, 20 * math.exp(0.1)), True),
     ],
@@ -141,17 +141,17 @@ def test_a_clear_outline_hardly_off_the_prediction_is_no_leap_whatever_the_filte
 
 @pytest.mark.parametrize("growth", [1.2, 2.0])
 def test_size_may_change_by_the_growth_that_time_allows_either_way(growth):
-    assert passes("size", growth=growth, claim=replace(HERE, r_px=less(20 * growth)))
-    assert passes("size", growth=growth, claim=replace(HERE, r_px=more(20 / growth)))
-    assert not passes("size", growth=growth, claim=replace(HERE, r_px=more(20 * growth)))
-    assert not passes("size", growth=growth, claim=replace(HERE, r_px=less(20 / growth)))
+    assert passes("size", growth=growth, claim=HERE.resized(less(20 * growth)))
+    assert passes("size", growth=growth, claim=HERE.resized(more(20 / growth)))
+    assert not passes("size", growth=growth, claim=HERE.resized(more(20 * growth)))
+    assert not passes("size", growth=growth, claim=HERE.resized(less(20 / growth)))
 
 
 def test_a_claim_is_covered_from_four_fifths_of_its_disc_on():
     assert not covered(HERE, [])
-    assert not covered(HERE, [replace(HERE, r_px=less(20 * math.sqrt(0.8)))])
-    assert covered(HERE, [replace(HERE, r_px=more(20 * math.sqrt(0.8)))])
-    assert covered(HERE, [HERE.shifted(200, 0), replace(HERE, r_px=60.0)])
+    assert not covered(HERE, [HERE.resized(less(20 * math.sqrt(0.8)))])
+    assert covered(HERE, [HERE.resized(more(20 * math.sqrt(0.8)))])
+    assert covered(HERE, [HERE.shifted(200, 0), HERE.resized(60.0)])
 
 
 def test_two_that_cover_half_each_do_not_cover_it_together():

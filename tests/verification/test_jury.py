@@ -15,11 +15,12 @@ from spheremcap.verification.matching import MATCHERS, Matches, MatchingConfig, 
 CLAIM = Circle(50, 40, 10)
 
 
-def maps(circles):
+def maps(circles, claim=CLAIM):
     values = np.zeros((6, 4, 5), np.float32)
     scores = tuple(k + 0.5 for k in range(6))
     values[:, 2, 3] = scores
-    return Matches(MATCHERS, values, np.tile((3, 2), (6, 1)), scores, tuple(circles))
+    overlaps = tuple(0.0 if claim is None else c.dice(claim) for c in circles)
+    return Matches(MATCHERS, values, np.tile((3, 2), (6, 1)), scores, tuple(circles), overlaps)
 
 
 @pytest.mark.parametrize(
@@ -53,14 +54,14 @@ def test_thresholds_the_wrong_way_round_are_refused():
 
 
 def test_six_matchers_that_agree_wholly_sum_to_six():
-    votes = cast_votes(maps([CLAIM] * 6), CLAIM)
+    votes = cast_votes(maps([CLAIM] * 6))
     assert [v.matcher for v in votes] == list(MATCHERS)
     assert vote_sum(votes) == pytest.approx(6)
 
 
 def test_each_vote_is_the_dice_overlap_with_the_claim():
     circles = [CLAIM.shifted(d, -d / 2) for d in (0, 1, 3, 7, 15, 40)]
-    votes = cast_votes(maps(circles), CLAIM)
+    votes = cast_votes(maps(circles))
     for vote, circle in zip(votes, circles, strict=True):
         shared = circle.shared_area(CLAIM)
         assert vote.overlap == pytest.approx(2 * shared / (circle.area_px2 + CLAIM.area_px2))  # eq 3.8
@@ -71,12 +72,12 @@ def test_each_vote_is_the_dice_overlap_with_the_claim():
 
 
 def test_a_vote_carries_the_score_at_its_peak():
-    votes = cast_votes(maps([CLAIM] * 6), CLAIM)
+    votes = cast_votes(maps([CLAIM] * 6))
     assert [v.score for v in votes] == [0.5, 1.5, 2.5, 3.5, 4.5, 5.5]
 
 
 def test_nothing_claimed_gets_no_overlap_but_all_six_circles():
-    votes = cast_votes(maps([CLAIM] * 6), None)
+    votes = cast_votes(maps([CLAIM] * 6, None))
     assert vote_sum(votes) == 0
     assert [v.circle for v in votes] == [CLAIM] * 6
 

@@ -98,7 +98,9 @@ def test_the_search_is_the_reference_at_any_place_and_scale(seed, x, y, step, gr
     pixels, rows = cut_disc(bgr, x, y, step, 4.3)
     assert pixels.shape == (9, 9, 3)
     np.testing.assert_allclose(pixels, reference.square(bgr, x - 4 * step, y - 4 * step, step, 9), atol=2e-3)
-    values, peaks, scores, offsets = matching.search_six(bgr, x + 1, y - 1, step, 3, pixels, rows, False)
+    # The patch lies at (7, -5) of an image of half its scale, and a radius of 2 template pixels is sought and claimed.
+    around, claim = (7 + 0.5 * (x + 1), -5 + 0.5 * (y - 1), step), (7 + 0.5 * (x + 2), -5 + 0.5 * y, 1.1 * step)
+    values, peaks, found = matching.search_six(bgr, 7.0, -5.0, 0.5, *around, *claim, 2.0, 3, pixels, rows, False)
     assert values.shape == (6, 7, 7)
     search = reference.square(bgr, x + 1 - 7 * step, y - 1 - 7 * step, step, 15)
     mean = search.mean(axis=(0, 1))
@@ -109,8 +111,10 @@ def test_the_search_is_the_reference_at_any_place_and_scale(seed, x, y, step, gr
         np.testing.assert_allclose(values[k], goal, rtol=1e-3, atol=scale, err_msg=name)
         column, row, dx, dy = reference.peak(-values[k] if name.startswith("SQDIFF") else values[k])
         assert peaks[k].tolist() == [column, row], name
-        assert scores[k] == values[k][row, column]
-        np.testing.assert_allclose(offsets[k], ((column + dx - 3) * step, (row + dy - 3) * step), atol=1e-3)
+        circle = Circle(*around).shifted(0.5 * (column + dx - 3) * step, 0.5 * (row + dy - 3) * step)
+        np.testing.assert_allclose(found[:3, k], (circle.x_px, circle.y_px, step), atol=1e-3)
+        assert found[3, k] == values[k][row, column]
+        assert found[4, k] == pytest.approx(Circle(*found[:3, k]).dice(Circle(*claim)), abs=1e-12)
 
 
 def test_the_template_is_a_disc_of_the_radius_asked_for():
@@ -296,7 +300,20 @@ def test_matches_are_six_maps_in_order():
         assert [m.best_is_low for m in found] == [False] * 4 + [True] * 2
         for response, score in zip(found, found.scores, strict=True):
             assert response.values[response.peak[1], response.peak[0]] == np.float32(score)
-        assert found.values[4][6, 5] < 1e-3  # it lies one pixel to the left, and there nothing differs
+        # It lies one pixel to the left, and there nothing differs but what single precision leaves of such sums.
+        assert found.values[4][6, 5] < 1e-6 * found.values[4].max()
+
+
+@pytest.mark.parametrize("d", [0.0, 1.5, 6.0, 25.0])
+def test_each_circle_is_compared_with_the_claim(d):
+    image = texture()
+    circle, config = Circle(100, 80, 12.8), MatchingConfig()
+    template = make_template(whole(image), circle, config)
+    for r_px in (5.0, 12.8, 14.0):
+        claim = Circle(100 + d, 80 - d / 3, r_px)
+        found = match(template, whole(image), circle, 6.4, config, claim)
+        assert found.overlaps == pytest.approx([c.dice(claim) for c in found.circles])
+    assert match(template, whole(image), circle, 6.4, config).overlaps == (0.0,) * 6
 
 
 def test_coordinates_are_the_images_not_the_patches():

@@ -1,11 +1,10 @@
 """Circles in the image, in pixels; an integer coordinate is a pixel's centre."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class Circle:
+class Circle(NamedTuple):
     """A circle in the image: centre and radius in pixels."""
 
     x_px: float
@@ -41,3 +40,7 @@ class Circle:
     def shifted(self, dx_px: float, dy_px: float) -> "Circle":
         """The same circle moved by (dx_px, dy_px)."""
         return Circle(self.x_px + dx_px, self.y_px + dy_px, self.r_px)
+
+    def resized(self, r_px: float) -> "Circle":
+        """The circle of another radius about the same centre."""
+        return Circle(self.x_px, self.y_px, r_px)

@@ -1,4 +1,4 @@
-"""Symmetric 3x3 systems and medians for compiled loops."""
+"""Small systems, products and medians for compiled loops."""
 
 from spheremcap.core.compiled import finite, inner
 
@@ -19,6 +19,34 @@ def inverse3(a, out):
     out[1, 2] = out[2, 1] = (a[0, 1] * a[0, 2] - a[0, 0] * a[1, 2]) / det
     out[2, 2] = (a[0, 0] * a[1, 1] - a[0, 1] * a[0, 1]) / det
     return det
+
+
+@inner
+def product(a, b, out):
+    """The matrix product a b into `out`, which is neither of them."""
+    for i in range(a.shape[0]):
+        for j in range(b.shape[1]):
+            out[i, j] = 0.0
+            for k in range(a.shape[1]):
+                out[i, j] += a[i, k] * b[k, j]
+
+
+@inner
+def solve(a, b):
+    """The solution x of a x = b into `b` (n, m), for a symmetric positive definite `a` (n, n), which is used up."""
+    size = a.shape[0]
+    for k in range(size):  # elimination needs no pivots where every pivot is positive
+        for i in range(k + 1, size):
+            share = a[i, k] / a[k, k]
+            for j in range(k + 1, size):
+                a[i, j] -= share * a[k, j]
+            for j in range(b.shape[1]):
+                b[i, j] -= share * b[k, j]
+    for k in range(size - 1, -1, -1):
+        for j in range(b.shape[1]):
+            for i in range(k + 1, size):
+                b[k, j] -= a[k, i] * b[i, j]
+            b[k, j] /= a[k, k]
 
 
 @inner

@@ -67,7 +67,7 @@ class Optics:
         """What a marker of this circle looks like that moves at `rate_px` (2,), px/s, in a picture of so many rows."""
         a_row_s = 1 / max(1, rows - 1)
         lean = rate_px * (self.readout_s * a_row_s)
-        if self.readout_s != 0:
+        if max(abs(lean[0]), abs(lean[1])) > _MOST_LEAN:
             lean = np.clip(lean, -_MOST_LEAN, _MOST_LEAN)
         stretch_sd = min(abs(float(rate_px[1])) * self.readout_sd_s * a_row_s, _MOST_LEAN)
         return Motion(bounded_blur(rate_px * self.exposure_s, circle), lean, stretch_sd, self.softness)

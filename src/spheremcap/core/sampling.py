@@ -48,7 +48,7 @@ def soft_levels_at(first, second, column, row):
 
 
 @inner
-def _places(first, step, count, size):
+def neighbours(first, step, count, size):
     """Left neighbour, right neighbour and the right one's share for `count` places along an axis of `size` samples."""
     left, right, share = np.empty(count, np.uint32), np.empty(count, np.uint32), np.empty(count, np.float32)
     for k in range(count):
@@ -60,47 +60,75 @@ def _places(first, step, count, size):
 
 
 @inner
-def _resampled(plane, column, row, across, down, width, height, out):
-    """Fill `out` (height, width) float32 from places that start at (column, row), bilinear; where a place stands for
-    two and a half samples or more, with the mean of the 2 x 2 or 3 x 3 nearest samples spread over it."""
-    rows, columns = plane.shape
-    sub = 1 if across < 2.5 else (2 if across < 5.0 else 3)
-    if sub == 1:
-        j, k, a = _places(column, across, width, columns)
-        i, n, b = _places(row, down, height, rows)
-        for r in range(height):
-            top, bottom, low = plane[i[r]], plane[n[r]], b[r]
-            for c in range(width):
-                left = top[j[c]] + low * (np.float32(bottom[j[c]]) - np.float32(top[j[c]]))
-                right = top[k[c]] + low * (np.float32(bottom[k[c]]) - np.float32(top[k[c]]))
-                out[r, c] = left + a[c] * (right - left)
-        return
-    start = 0.5 / sub - 0.5  # the first of the places within one, and half a sample more to round by
-    j, _, _ = _places(column + start * across + 0.5, across / sub, width * sub, columns)
-    i, _, _ = _places(row + start * down + 0.5, down / sub, height * sub, rows)
-    part = np.float32(1.0 / (sub * sub))
+def _levels(plane, left, top, right, bottom):
+    """The rows `top` to `bottom` and columns `left` to `right` of a plane, the last ones included, as float32."""
+    out = np.empty((bottom - top + 1, right - left + 1), np.float32)
+    for i in range(out.shape[0]):
+        source, line = plane[top + i, left : right + 1], out[i]
+        for j in range(line.size):
+            line[j] = source[j]
+    return out
+
+
+@inner
+def _bilinear(plane, column, row, across, down, out):
+    """Fill `out` (height, width) float32 from places that start at (column, row), `across` and `down` apart."""
+    (rows, columns), (height, width) = plane.shape, out.shape
+    j, k, a = neighbours(column, across, width, columns)
+    i, n, b = neighbours(row, down, height, rows)
+    levels = _levels(plane, j[0], i[0], k[-1], n[-1])
+    blend = np.empty(levels.shape[1], np.float32)
     for r in range(height):
+        above, below, low, line = levels[i[r] - i[0]], levels[n[r] - i[0]], b[r], out[r]
+        for q in range(blend.size):
+            blend[q] = above[q] + low * (below[q] - above[q])
         for c in range(width):
-            total = np.uint32(0)
-            for m in range(sub):
-                line = plane[i[r * sub + m]]
-                for n in range(sub):
-                    total += line[j[c * sub + n]]
-            out[r, c] = part * total
+            left = blend[j[c] - j[0]]
+            line[c] = left + a[c] * (blend[k[c] - j[0]] - left)
+
+
+@inner
+def _mean_of_nearest(plane, column, row, across, down, sub, out):
+    """As `_bilinear`, but each place is the mean of the sub x sub nearest samples spread over its step."""
+    (rows, columns), (height, width) = plane.shape, out.shape
+    start = 0.5 / sub - 0.5  # the first of the places within one, and half a sample more to round by
+    j, _, _ = neighbours(column + start * across + 0.5, across / sub, width * sub, columns)
+    i, _, _ = neighbours(row + start * down + 0.5, down / sub, height * sub, rows)
+    total, part = np.empty(j[-1] - j[0] + 1, np.float32), np.float32(1.0 / (sub * sub))
+    for r in range(height):
+        total[:] = 0
+        for p in range(r * sub, r * sub + sub):
+            line = plane[i[p], j[0] : j[-1] + 1]
+            for q in range(total.size):
+                total[q] += line[q]
+        line = out[r]
+        line[:] = 0
+        for n in range(sub):
+            for c in range(width):
+                line[c] += part * total[j[c * sub + n] - j[0]]
+
+
+@inner
+def _resampled(plane, column, row, across, down, width, height):
+    """(height, width) float32 from places that start at (column, row), bilinear; where a place stands for two and a
+    half samples or more, the mean of the 2 x 2 or 3 x 3 nearest samples spread over it."""
+    out = np.empty((height, width), np.float32)
+    if across < 2.5:
+        _bilinear(plane, column, row, across, down, out)
+    else:
+        _mean_of_nearest(plane, column, row, across, down, 2 if across < 5.0 else 3, out)
+    return out
 
 
 @kernel(None, PLANE, PLANE, PLANE, GRID, F8, F8, F8, I8, I8)
 def cut_bgr(y, u, v, grid, x0_px, y0_px, step_px, width, height):
-    """(height, width, 3) BGR uint8; its pixel (i, j) is the picture around (x0_px + j step_px, y0_px + i step_px)."""
-    luma, cb, cr = (
-        np.empty((height, width), np.float32),
-        np.empty((height, width), np.float32),
-        np.empty((height, width), np.float32),
-    )
+    """(height, width, 3) BGR uint8; its pixel (i, j) is the picture around (x0_px + j step_px, y0_px + i step_px).
+    Both sizes are at least 1."""
     sx, sy, ox, oy = grid[0], grid[1], grid[2], grid[3]
-    _resampled(y, x0_px, y0_px, step_px, step_px, width, height, luma)
-    _resampled(u, (x0_px - ox) / sx, (y0_px - oy) / sy, step_px / sx, step_px / sy, width, height, cb)
-    _resampled(v, (x0_px - ox) / sx, (y0_px - oy) / sy, step_px / sx, step_px / sy, width, height, cr)
+    column, row, across, down = (x0_px - ox) / sx, (y0_px - oy) / sy, step_px / sx, step_px / sy
+    luma = _resampled(y, x0_px, y0_px, step_px, step_px, width, height)
+    cb = _resampled(u, column, row, across, down, width, height)
+    cr = _resampled(v, column, row, across, down, width, height)
     out = np.empty((height, width, 3), np.uint8)
     m = grid[4:].astype(np.float32)
     for r in range(height):

@@ -39,11 +39,10 @@ class PolicyConfig(StageConfig):
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """What a frame showed of a marker: whether a claim was `accepted`, or `rejected` (votes below TH2, or nothing to
-    claim); whether it is surely `gone` from the picture; how many frames in a row were not verified (`misses`, this one
+    """A frame without a verified circle: whether the claim was `rejected` (votes below TH2, or nothing to claim);
+    whether the marker is surely `gone` from the picture; how many frames in a row were not verified (`misses`, this one
     included), and how long ago the last verified one was."""
 
-    accepted: bool
     rejected: bool
     gone: bool
     misses: int
@@ -51,9 +50,7 @@ class Sight:
 
 
 def next_status(status: Status, sight: Sight, policy: PolicyConfig) -> Status:
-    """The status after a frame (docs/method.md section 5)."""
-    if sight.accepted:
-        return Status.VERIFIED
+    """The status after a frame without a verified circle (docs/method.md section 5)."""
     if not status.tracked:
         return Status.LOST if sight.away_s > policy.out_of_view_s else status
     if sight.gone:

@@ -1,7 +1,7 @@
 """Votes of the six template matchers, and the verdict on a claim."""
 
-from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from spheremcap.core.circle import Circle
 
@@ -14,8 +14,7 @@ class Verdict(Enum):
     REJECTED = "REJECTED"
 
 
-@dataclass(frozen=True, slots=True)
-class Vote:
+class Vote(NamedTuple):
     """One matcher's answer: the circle it found, its score there, and the Dice overlap with the claim (eq 3.8).
 
     `overlap` is 0 when there was no claim. `score` is on the matcher's own scale (OpenCV's TM_ definitions).

@@ -122,7 +122,6 @@ class Appearance:
         patch: Patch, circle: Circle, beyond: float, within: float, limits: Limits
     ) -> tuple[int, int, float, float, float, float]:
         """`ring_colours` between two shares of the circle's radius; the centre's own pixels always count."""
-        local = patch.local(circle)
-        inner_px = max(1.0, beyond * local.r_px) if beyond > 0 else -1.0
-        outer_px = max(1.0, within * local.r_px)
-        return ring_colours(patch.bgr, *patch.picture, local.x_px, local.y_px, inner_px, outer_px, limits)
+        x, y, r = patch.local(circle)
+        inner_px = max(1.0, beyond * r) if beyond > 0 else -1.0
+        return ring_colours(patch.bgr, *patch.picture, x, y, inner_px, max(1.0, within * r), limits)

@@ -111,6 +111,6 @@ class Detector:
     ) -> Detected:
         """What is at a candidate: as large as the marker was, should a part be hidden; and as large as the blob."""
         limits = self._limits(patch, candidate, appearance)
-        proposals: Proposals = (("acquire", replace(candidate, r_px=last.r_px)), ("colour", candidate))
+        proposals: Proposals = (("acquire", candidate.resized(last.r_px)), ("colour", candidate))
         motion = replace(AT_REST, softness=softness)
         return Detected(proposals, (), limits, self.outline.longest(frame, proposals, motion, limits))

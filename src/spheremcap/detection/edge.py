@@ -458,9 +458,11 @@ def _set_shape(v_first, fine, limb, colour_in, colour_out, direction, across, al
     for k in range(length):
         for n in range(count):
             dark[k, n] = cover[k, 0]
-    column = np.empty((2, length + 1))
-    _sweep(dark, across, along, fine, r_px, column)
-    _sweep(light, across, along, fine, r_px, column)
+    if _longest(across, along) >= fine:
+        _sweep(dark, across, along, fine, r_px, row)
+        dark, row = row, dark
+        _sweep(light, across, along, fine, r_px, row)
+        light, row = row, light
     linear_in, linear_out = np.empty((3, count), np.float32), np.empty((3, count), np.float32)
     of_luma, of_chroma = np.empty((3, count), np.float32), np.empty((3, count), np.float32)
     for n in range(count):
@@ -474,14 +476,14 @@ def _set_shape(v_first, fine, limb, colour_in, colour_out, direction, across, al
             of_luma[c, n] = direction[0, n] * _BGR_TO_YCC[0, c]
             of_chroma[c, n] = direction[1, n] * _BGR_TO_YCC[1, c] + direction[2, n] * _BGR_TO_YCC[2, c]
     chroma = np.empty((length, count), np.float32)
-    level = np.empty(count, np.int32)
+    level = np.empty(count, np.uint32)
     for k in range(length):
         for n in range(count):
             shape[k, n] = chroma[k, n] = 0.0
         for c in range(3):
             for n in range(count):
                 mixed = light[k, n] * linear_in[c, n] + (np.float32(1.0) - dark[k, n]) * linear_out[c, n]
-                level[n] = np.int32(math.sqrt(min(max(mixed, np.float32(0.0)), np.float32(1.0))) * _SCALE + _HALF)
+                level[n] = np.uint32(math.sqrt(min(max(mixed, np.float32(0.0)), np.float32(1.0))) * _SCALE + _HALF)
             for n in range(count):
                 code = _TO_CODE[level[n]]
                 shape[k, n] += of_luma[c, n] * code
@@ -496,6 +498,14 @@ def _set_shape(v_first, fine, limb, colour_in, colour_out, direction, across, al
     for k in range(length):
         for n in range(count):
             shape[k, n] -= shape[length - 1, n]
+
+
+@inner
+def _longest(across, along):
+    longest2 = np.float32(0.0)
+    for n in range(len(across)):
+        longest2 = max(longest2, across[n] * across[n] + along[n] * along[n])
+    return math.sqrt(longest2)
 
 
 @inner
@@ -525,29 +535,32 @@ def _blur(rows, taps, out):
 
 
 @inner
-def _sweep(rows, across, along, fine, r_px, column):
-    """Each column of (V, N) averaged over the exposure, in place; `across` and `along` (N,) are the blur in pixels.
+def _sweep(rows, across, along, fine, r_px, out):
+    """Each column of (V, N) averaged over the exposure; `across` and `along` (N,) are the blur in pixels.
 
     At time t in [-1/2, 1/2] of the exposure the outline lies t * across - (t * along)^2 / 2r further out: a mean over
-    `across`, from a running sum, about a place that lies along^2 / 24r further in. `column` (2, V + 1) is scratch.
+    `across`, from a running sum, about a place that lies along^2 / 24r further in.
     """
     length, count = rows.shape
+    running = np.zeros((length + 1, count), np.float32)  # up to a sample's right side
+    half, inwards = np.empty(count, np.float32), np.empty(count, np.float32)
     for n in range(count):
-        if across[n] * across[n] + along[n] * along[n] < fine * fine:
-            continue
-        column[1, 0] = 0.0
-        for k in range(length):
-            column[0, k] = rows[k, n]
-            column[1, k + 1] = column[1, k] + column[0, k]  # up to a sample's right side
-        half = max(abs(across[n]) / fine, 1.0) / 2.0
-        inwards = along[n] * along[n] / (24.0 * r_px * fine)
-        for k in range(length):
-            centre = k + 0.5 + inwards
-            low = min(max(centre - half, 0.0), length - 1.0)
-            high = min(max(centre + half, 1.0), length - 1e-6)
-            i, j = int(low), int(high)
-            upper = column[1, j] + (high - j) * column[0, j]
-            rows[k, n] = (upper - column[1, i] - (low - i) * column[0, i]) / (high - low)
+        blurred = across[n] * across[n] + along[n] * along[n] >= fine * fine
+        half[n] = max(abs(across[n]) / fine, 1.0) / 2.0
+        inwards[n] = along[n] * along[n] / (24.0 * r_px * fine) if blurred else 0.0
+    for k in range(length):
+        for n in range(count):
+            running[k + 1, n] = running[k, n] + rows[k, n]
+    most = np.float32(length - 1e-3)
+    for k in range(length):
+        for n in range(count):
+            centre = np.float32(k + 0.5) + inwards[n]
+            low = min(max(centre - half[n], np.float32(0.0)), most - np.float32(1.0))
+            high = min(max(centre + half[n], np.float32(1.0)), most)
+            i, j = np.uint32(low), np.uint32(high)
+            above = running[j, n] + (high - np.float32(j)) * rows[j, n]
+            below = running[i, n] + (low - np.float32(i)) * rows[i, n]
+            out[k, n] = (above - below) / (high - low)
 
 
 @inner
@@ -579,7 +592,7 @@ def to_linear(code):
 
 @kernel(
     None, PLANE, PLANE, PLANE, GRID, array(F8, 2), F8, F8, F8, F8, array(F8, 1), F8, array(F8, 1), BOOL,
-    F8[:, ::1], F8[::1], F8[::1], F8[::1],
+    F8[:, ::1], F8[::1], F8[::1], F8[::1], at_import=False,
 )  # fmt: skip
 def _find_edges(
     y, u, v, grid, outline, r_px, reach_px, blur_x, blur_y, limits, sigma, params, coarse, points, sd, ray, offset

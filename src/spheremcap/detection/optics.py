@@ -11,7 +11,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from spheremcap.core.compiled import F8, array, inner, kernel
+from spheremcap.core.compiled import F8, I8, array, inner, kernel
+from spheremcap.core.linear import inverse3
 from spheremcap.core.look import Measured
 from spheremcap.core.optics import Motion, Optics, bounded_blur
 from spheremcap.detection.outline import SOFTNESS
@@ -29,6 +30,7 @@ _LOOKS = 12  # as many looks are taken closely together; later ones are few, and
 _SOFTNESS_LOOKS = (3, 8, 24, 72, 216, 648)  # after so many clear claims
 _SHARED = 16.0  # claims that share an error: neighbours in time
 _LEAST_CLAIMS = 60  # for a regression to be believed
+_WORST_CONDITION = 1e6  # of its normal equations
 
 
 class OpticsLearner:
@@ -45,16 +47,14 @@ class OpticsLearner:
         self._seed_softness = 1.0
         self._stretch: dict[str, _Stretch] = {}
         self._readout: tuple[float, float] | None = None
-        self._now: dict[float, Optics] = {}  # by frame interval; emptied by whatever is learnt
+        self._best: tuple[float, float] | None = None  # exposure in intervals, softness; None until asked for again
 
     def now(self, interval_s: float) -> Optics:
         """The optics for frames that are `interval_s` apart."""
-        known = self._now.get(interval_s)
-        if known is None:
-            exposure_s = self._given_exposure_s or self._exposure.best(EXPOSURES) * interval_s
-            known = Optics(exposure_s, *self._readout_s(interval_s), self._soft())
-            self._now = {interval_s: known}
-        return known
+        if self._best is None:
+            self._best = self._exposure.best(EXPOSURES), self._soft()
+        exposure, softness = self._best
+        return Optics(self._given_exposure_s or exposure * interval_s, *self._readout_s(interval_s), softness)
 
     def _soft(self) -> float:
         if self._softness.looks == 0:
@@ -72,13 +72,12 @@ class OpticsLearner:
         found, sd = self._readout
         if abs(found) > _BEYOND_DOUBT * sd and abs(found) <= 1.2 * interval_s:
             return found, sd
-        return 0.0, min(float(np.hypot(found, sd)), interval_s / 3**0.5)
+        return 0.0, min(math.hypot(found, sd), interval_s / 3**0.5)
 
     def seeded(self, claim: Measured) -> None:
         """A seed's outline says how soft the lens is until settled claims say more."""
         if self._softness.looks == 0 and claim.visible > _CLEAR:
-            self._seed_softness = claim.motion.softness
-            self._now.clear()
+            self._seed_softness, self._best = claim.motion.softness, None
 
     def learn(self, marker: str, claim: Measured, rate_px: FloatArray, interval_s: float, explained: Explained) -> None:
         """Learn from a marker's accepted claim; it moves at `rate_px` (2,), px/s, in frames `interval_s` apart."""
@@ -87,20 +86,19 @@ class OpticsLearner:
         self._clear += 1
         if self._learn_blur and self._clear in _SOFTNESS_LOOKS:
             self._softness.add(explained([replace(claim.motion, softness=softness) for softness in SOFTNESS]))
-            self._now.clear()
-        way_px = rate_px * interval_s
-        if not self.exposure_known and float(np.hypot(way_px[0], way_px[1])) > BLUR_SHOWS_PX:
+            self._best = None
+        if not self.exposure_known and math.hypot(rate_px[0], rate_px[1]) * interval_s > BLUR_SHOWS_PX:
             self._moving += 1
             if self._moving <= 3 or self._moving % (12 if self._exposure.looks < _LOOKS else 64) == 0:
-                trials = [bounded_blur(way_px * share, claim.circle) for share in EXPOSURES]
+                trials = [bounded_blur(rate_px * (interval_s * share), claim.circle) for share in EXPOSURES]
                 self._exposure.add(explained([replace(claim.motion, blur_px=blur) for blur in trials]))
-                self._now.clear()
+                self._best = None
         if self._given_readout_s is None and claim.proposer == "prediction":
             own = self._stretch.setdefault(marker, _Stretch())
             own.add(claim, rate_px / max(1, self.rows - 1))
-            if own.claims % 8 == 0:
+            if own.claims >= _LEAST_CLAIMS and own.claims % 8 == 0:
+                own.regress()
                 self._readout = _pooled(self._stretch.values())
-                self._now.clear()
 
 
 class _Contest:
@@ -149,6 +147,8 @@ class _Stretch:
 
     claims: int = 0
     sums: FloatArray = field(default_factory=lambda: np.zeros((2, 4, 4)))
+    readouts: list[tuple[float, float]] = field(default_factory=list)
+    """What stretch and shear said when last regressed, where they could tell: seconds, and the variance."""
 
     def add(self, claim: Measured, rate_rows: FloatArray) -> None:
         """`rate_rows` (2,) is the speed in pixels a second and row."""
@@ -158,26 +158,46 @@ class _Stretch:
             claim.motion.lean, rate_rows, self.sums,
         )  # fmt: skip
 
+    def regress(self) -> None:
+        both = [_readout_of(sums, self.claims) for sums in self.sums]
+        self.readouts = [(found, variance) for found, variance in both if math.isfinite(variance)]
+
 
 def _pooled(markers: Iterable[_Stretch]) -> tuple[float, float] | None:
     """The readout time that all markers agree on and its standard deviation, seconds; None until they can tell."""
     like = power = 0.0
     for one in markers:
-        if one.claims < _LEAST_CLAIMS:
-            continue
-        for sums in one.sums:
-            normal, right = sums[:3, :3], sums[:3, 3]
-            scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
-            flat = normal / np.outer(scale, scale)
-            if np.linalg.cond(flat) > 1e6:
-                continue
-            inverse = np.linalg.inv(flat) / np.outer(scale, scale)
-            found = inverse @ right
-            left_over = max(float(sums[3, 3] - right @ found), 0.0) / (one.claims - 3)
-            variance = _SHARED * left_over * inverse[2, 2] + 1e-16
-            like += found[2] / variance
+        for found, variance in one.readouts:
+            like += found / variance
             power += 1 / variance
     return None if power == 0 else (like / power, power**-0.5)
+
+
+@kernel(None, array(F8, 2), I8)
+def _readout_of(sums, claims):
+    """The last of three unknowns of normal equations (4, 4), and its variance; infinite when they cannot tell."""
+    scale, flat, inverse, found = np.empty(3), np.empty((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    for i in range(3):
+        scale[i] = math.sqrt(max(sums[i, i], 1e-30))
+    spread = 0.0
+    for i in range(3):
+        for j in range(3):
+            flat[i, j] = sums[i, j] / (scale[i] * scale[j])
+            spread += flat[i, j] * flat[i, j]
+    if inverse3(flat, inverse) <= 0.0:
+        return 0.0, np.inf
+    back = 0.0
+    for i in range(3):
+        for j in range(3):
+            back += inverse[i, j] * inverse[i, j]
+            found[i] += inverse[i, j] / (scale[i] * scale[j]) * sums[j, 3]
+    if not math.sqrt(spread * back) < _WORST_CONDITION:
+        return 0.0, np.inf
+    left_over = sums[3, 3]
+    for i in range(3):
+        left_over -= sums[i, 3] * found[i]
+    left_over = max(left_over, 0.0) / (claims - 3)
+    return found[2], _SHARED * left_over * inverse[2, 2] / (scale[2] * scale[2]) + 1e-16
 
 
 @inner

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,14 +16,13 @@ from spheremcap.core.lens import normal_of
 from spheremcap.core.look import EdgePoints, Measured
 from spheremcap.core.optics import AT_REST, Motion
 from spheremcap.core.sampling import GRID
-from spheremcap.detection.edge import EdgeConfig, edge_params, edges_into, find_edges
+from spheremcap.detection.edge import EdgeConfig, edge_params, edges_into
 from spheremcap.positioning.sphere import (
     FIT_ROUNDS,
     IMPERFECTION,
     PositionConfig,
     circle_at,
     fit_rays,
-    outline_px,
     set_outline,
     sphere_at,
     sphere_of_circle,
@@ -32,7 +32,9 @@ FloatArray = npt.NDArray[np.float64]
 
 SOFTNESS = (1.0, 1.6, 2.4, 3.6)
 """Blurs of lens and focus that are tried, in `blur_sigma_px`."""
-_HOLD = {"seed": 0.03, "acquire": 0.1, "colour": 0.1}  # relative deviation of the proposals' sizes; 0.01 for others
+_HOLD = {"seed": 0.03, "acquire": 0.1, "colour": 0.1}  # relative deviation of the proposals' sizes
+_HOLD_CLOSE = 0.01  # that of the others'
+_LOOKS = 3  # a coarse one and two fine ones
 _PART_HIDDEN = 0.1  # relative deviation of the radius, a share of the outline that is not seen
 _SIZE_CHANGE = 0.1  # of the radius from one frame to the next: as much is usual
 _SIZE_LEAP = 1.5  # most that a claim's size may differ from the first proposal's, either way
@@ -106,12 +108,10 @@ class Outline:
         """Edges around a circle and the sphere through them: a coarse look up to `reach_px` away, unless that is close,
         then fine ones close by until the circle rests. None when there is no outline. `limits` are the marker's
         colours (`ColourBox.limits`), or None for any."""
-        found, circle_out, sd, xyz, covariance, edges, seen = _sharpened(
-            *frame.planes, self._camera.params, self._params, self._unsure, self._radius_m,
-            self._edge.blur_sigma_px * motion.softness, self._edge.rays, _NO_LIMITS if limits is None else limits,
-            circle.x_px, circle.y_px, circle.r_px, reach_px, close_px(circle), _HOLD.get(proposer, 0.01),
-            motion.blur_px[0], motion.blur_px[1], motion.lean[0], motion.lean[1], motion.stretch_sd,
-        )  # fmt: skip
+        hold = _HOLD.get(proposer, _HOLD_CLOSE)
+        found, circle_out, sd, xyz, covariance, edges, seen = self._looks(
+            _LOOKS, frame, circle, reach_px, motion, limits, hold
+        )
         if found == 0:
             return None
         points, rest = edges[:found, :2].copy(), edges[:found].T.copy()
@@ -123,17 +123,25 @@ class Outline:
 
     def explained(self, frame: Frame, claim: Measured, motions: Sequence[Motion]) -> FloatArray:
         """How well each motion's blur and softness explain the profiles across a claim's outline, (len(motions),):
-        shares of their variance in [0, 1], 0 where no edge is found."""
-        outline = outline_px(claim.xyz_cam_m, self._radius_m, self._camera, self._edge.rays)
-        outline = claim.motion.seen(outline, claim.circle.y_px)
-        close, sigma_px = close_px(claim.circle), self._edge.blur_sigma_px
-        edges = (
-            find_edges(
-                frame, outline, claim.circle.r_px, close, m.blur_px, None, self._edge, sigma_px=sigma_px * m.softness
-            )
-            for m in motions
-        )
-        return np.array([0.0 if found is None else found.explained for found in edges])
+        shares of their variance in [0, 1], 0 where no outline is found."""
+        close = close_px(claim.circle)
+        return np.array([self._looks(1, frame, claim.circle, close, m, None, _HOLD_CLOSE)[-1][2] for m in motions])
+
+    def _looks(
+        self,
+        looks: int,
+        frame: Frame,
+        circle: Circle,
+        reach_px: float,
+        motion: Motion,
+        limits: FloatArray | None,
+        hold: float,
+    ) -> Any:
+        return _sharpened(
+            looks, *frame.planes, self._camera.params, self._params, self._unsure, self._radius_m,
+            self._edge.blur_sigma_px * motion.softness, self._edge.rays, _NO_LIMITS if limits is None else limits,
+            *circle, reach_px, close_px(circle), hold, *motion.blur_px, *motion.lean, motion.stretch_sd,
+        )  # fmt: skip
 
 
 def close_px(circle: Circle) -> float:
@@ -180,15 +188,16 @@ def _circle_sd(camera, x, y, z, r_px, covariance):
 
 
 @kernel(
-    None, PLANE, PLANE, PLANE, GRID, _F1, _F1, _F1, F8, F8, I8, _F1,
+    None, I8, PLANE, PLANE, PLANE, GRID, _F1, _F1, _F1, F8, F8, I8, _F1,
     F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8,
 )  # fmt: skip
 def _sharpened(
-    y, u, v, grid, camera, params, unsure, radius_m, sigma, rays, limits,
+    looks, y, u, v, grid, camera, params, unsure, radius_m, sigma, rays, limits,
     x_px, y_px, r_px, reach_px, close, hold, blur_x, blur_y, lean_x, lean_y, stretch_sd,
 ):  # fmt: skip
-    """`Outline.sharpened`: the number of edge points (0 for none), circle, its deviations, centre, covariance; edges
-    (rays, 7): x, y, sd, ray, offset, weight, outside, in pixels; share seen, rays inside the picture, explained."""
+    """`Outline.sharpened` in at most so many looks: the number of edge points (0 for none), circle, its deviations,
+    centre, covariance; edges (rays, 7): x, y, sd, ray, offset, weight, outside, in pixels; share seen, rays inside the
+    picture, explained."""
     points, sd, ray, offset = np.empty((rays, 2)), np.empty(rays), np.empty(rays), np.empty(rays)
     directions, weights, outside = np.empty((rays, 3)), np.empty(rays), np.empty(rays)
     edges, covariance, centre, start = np.zeros((rays, 7)), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
@@ -197,7 +206,7 @@ def _sharpened(
     start[0], start[1], start[2] = sphere_at(x_px, y_px, r_px * shrunk, radius_m, camera)
     found_x, found_y, found_r = x_px, y_px, r_px
     count, in_picture, explained = 0, 0, 0.0
-    for look in range(3):
+    for look in range(looks):
         coarse = look == 0 and reach_px > close
         outline = np.empty((rays // 2 if coarse else rays, 2))
         if not set_outline(start[0], start[1], start[2], radius_m, camera, outline):

@@ -14,7 +14,7 @@ from pydantic import Field
 from scipy.stats import chi2
 
 from spheremcap.core.compiled import BOOL, F8, array, kernel
-from spheremcap.core.linear import inverse3
+from spheremcap.core.linear import inverse3, product, solve
 from spheremcap.core.stage import StageConfig
 from spheremcap.core.time import NS_PER_S
 
@@ -188,19 +188,34 @@ def _smooth(states, covariances, dt_s, widened, acceleration_mps2, moving):
 
     Where the filter's prediction of moment k + 1 was widened, the process noise of that step is what widened it.
     """
-    noise = np.empty((6, 6))
-    step = np.eye(6)
+    noise, step, turned = np.zeros((6, 6)), np.eye(6), np.eye(6)
+    forward, predicted, used = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    ahead, change = np.empty(6), np.empty((6, 6))
     for k in range(len(dt_s) - 1, -1, -1):
         dt = dt_s[k]
-        noise[:] = 0.0
         for i in range(3):
-            step[i, 3 + i] = dt if moving else 0.0
+            step[i, 3 + i] = turned[3 + i, i] = dt if moving else 0.0
             noise[i, i] = 0.25 * dt * dt * dt * dt * acceleration_mps2 * acceleration_mps2
             noise[i, 3 + i] = noise[3 + i, i] = 0.5 * dt * dt * dt * acceleration_mps2 * acceleration_mps2
             noise[3 + i, 3 + i] = dt * dt * acceleration_mps2 * acceleration_mps2
-        forward = step @ covariances[k]  # F P
-        predicted = (forward @ step.T + noise) * widened[k + 1]
-        gain = np.ascontiguousarray(np.linalg.solve(predicted, forward).T)  # P F' (F P F' + Q)^-1
-        states[k] += gain @ (states[k + 1] - step @ states[k])
-        better = covariances[k] + gain @ np.ascontiguousarray((covariances[k + 1] - predicted) @ gain.T)
-        covariances[k] = 0.5 * (better + better.T)
+        product(step, covariances[k], forward)  # F P
+        product(forward, turned, predicted)
+        for i in range(6):
+            ahead[i] = states[k + 1, i]
+            for j in range(6):
+                predicted[i, j] = used[i, j] = (predicted[i, j] + noise[i, j]) * widened[k + 1]
+                ahead[i] -= step[i, j] * states[k, j]
+        solve(used, forward)  # the gain P F' (F P F' + Q)^-1, transposed
+        for i in range(6):
+            for j in range(6):
+                states[k, i] += forward[j, i] * ahead[j]
+                predicted[i, j] = covariances[k + 1, i, j] - predicted[i, j]
+        product(predicted, forward, used)
+        for i in range(6):
+            for j in range(6):
+                change[i, j] = 0.0
+                for m in range(6):
+                    change[i, j] += forward[m, i] * used[m, j]
+        for i in range(6):
+            for j in range(6):
+                covariances[k, i, j] += 0.5 * (change[i, j] + change[j, i])

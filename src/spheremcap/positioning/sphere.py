@@ -380,7 +380,7 @@ def fit_rays(
     return True
 
 
-@kernel(None, _F2, _F1, F8, _F1, F8, I8, F8, F8, BOOL)
+@kernel(None, _F2, _F1, F8, _F1, F8, I8, F8, F8, BOOL, at_import=False)
 def _fit_sphere(rays, sd_rad, radius_m, start, loose, rounds, imperfection, hold, near):
     centre, covariance = np.empty(3), np.empty((3, 3))
     weights, outside = np.empty(len(rays)), np.empty(len(rays))

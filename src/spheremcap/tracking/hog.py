@@ -164,7 +164,7 @@ def _normalise(cell, n0, n1, n2, n3):
     cell[3 * _ORIENTATIONS + 3] = _ENERGY_WEIGHT * e3
 
 
-@kernel(None, F4[:, :, ::1], I8, F4[:, :, ::1])
+@kernel(None, F4[:, :, ::1], I8, F4[:, :, ::1], at_import=False)
 def _hog(planes, cell_px, out):
     hog_into(planes, cell_px, out)
 

@@ -105,4 +105,7 @@ def doubts(case: Case, jury: JuryConfig) -> tuple[str, ...]:
 
 def covered(claim: Circle, taken: Sequence[Circle]) -> bool:
     """Whether a circle of another marker covers this one: that marker then hides it, or is what was found."""
-    return any(claim.shared_area(other) > _COVERED * claim.area_px2 for other in taken)
+    return any(
+        claim.distance(other) < claim.r_px + other.r_px and claim.shared_area(other) > _COVERED * claim.area_px2
+        for other in taken
+    )

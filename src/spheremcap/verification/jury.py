@@ -41,10 +41,9 @@ class JuryConfig(StageConfig):
         return self
 
 
-def cast_votes(matches: Matches, claim: Circle | None) -> tuple[Vote, ...]:
-    """Each matcher's circle and its Dice overlap with the claim; 0 when nothing is claimed."""
-    overlaps = [0.0] * len(matches) if claim is None else matches.overlaps(claim)
-    return tuple(map(Vote, matches.matchers, matches.circles, matches.scores, overlaps))
+def cast_votes(matches: Matches) -> tuple[Vote, ...]:
+    """Each matcher's circle and its overlap with the claim."""
+    return tuple(map(Vote, matches.matchers, matches.circles, matches.scores, matches.overlaps))
 
 
 def vote_sum(votes: Sequence[Vote]) -> float:
@@ -63,5 +62,5 @@ def template_vote(template: Template, gain: float, patch: Patch, claim: Circle, 
     """The mean vote, in [0, 1], of a template that may be old for a claim (image pixels): the seed's own, `gain` times
     as bright as it was (`Appearance.gain`)."""
     brighter = replace(template, pixels=template.pixels * template.pixels.dtype.type(gain))
-    votes = cast_votes(match(brighter, patch, claim, 0.6 * claim.r_px, config), claim)
-    return vote_sum(votes) / len(votes)
+    matches = match(brighter, patch, claim, 0.6 * claim.r_px, config, claim)
+    return sum(matches.overlaps) / len(matches)

@@ -17,6 +17,7 @@ from pydantic import Field
 from spheremcap.core.circle import Circle
 from spheremcap.core.compiled import BGR, BOOL, F4, F8, I8, array, inner, kernel
 from spheremcap.core.frame import Patch
+from spheremcap.core.sampling import neighbours
 from spheremcap.core.stage import StageConfig
 from spheremcap.core.view import ResponseMap
 
@@ -51,7 +52,8 @@ class Matches:
     """What six matchers found; iterates as six `ResponseMap`, made when asked for.
 
     `values` (6, k, k) float32 are the maps in the order of `matchers`, `peaks` (6, 2) int64 the column and row of each
-    one's best value, `scores` these values, and `circles` the circles found, in image pixels.
+    one's best value, `scores` these values, `circles` the circles found, in image pixels, and `overlaps` their Dice
+    overlaps with the claim, in [0, 1] (eq 3.8); 0 when nothing was claimed.
     """
 
     matchers: tuple[str, ...]
@@ -59,14 +61,10 @@ class Matches:
     peaks: npt.NDArray[np.int64]
     scores: tuple[float, ...]
     circles: tuple[Circle, ...]
+    overlaps: tuple[float, ...]
 
     def __len__(self) -> int:
         return len(self.matchers)
-
-    def overlaps(self, claim: Circle) -> list[float]:
-        """Dice overlap of each circle with a claim, in [0, 1] (eq 3.8)."""
-        circles = np.array([(c.x_px, c.y_px, c.r_px) for c in self.circles], np.float64)
-        return dice_overlaps(circles, claim.x_px, claim.y_px, claim.r_px).tolist()
 
     def __iter__(self) -> Iterator[ResponseMap]:
         for k, name in enumerate(self.matchers):
@@ -74,60 +72,50 @@ class Matches:
             yield ResponseMap(name, self.values[k], BEST_IS_LOW[k], (column, row), self.circles[k])
 
 
+_NOTHING = Circle(0.0, 0.0, 0.0)
+
 _PIXELS, _ROWS = array(F4, 3), array(I8, 2)
 
 
 @inner
 def _square(bgr, x0, y0, step, side):
-    """(side, side, 3) float32: the patch at (x0 + j step, y0 + i step), bilinear; beyond its border the border pixel
-    repeats. A step of 1.5 or more takes the mean of places spread over it."""
+    """(side, 3 side) float32, a pixel's three channels side by side: the patch at (x0 + j step, y0 + i step), bilinear;
+    beyond its border the border pixel repeats. A step of 1.5 or more takes the mean of places spread over it."""
     height, width = bgr.shape[:2]
-    out = np.empty((side, side, 3), np.float32)
-    last_x, last_y = x0 + (side - 1) * step, y0 + (side - 1) * step
-    whole = abs(step - 1.0) < 1e-9 and abs(x0 - np.rint(x0)) < 1e-6 and abs(y0 - np.rint(y0)) < 1e-6
-    if whole and x0 > -0.5 and y0 > -0.5 and last_x < width - 0.5 and last_y < height - 0.5:
-        j0, i0 = int(np.rint(x0)), int(np.rint(y0))
-        for i in range(side):
-            for j in range(side):
-                for c in range(3):
-                    out[i, j, c] = bgr[i0 + i, j0 + j, c]
-        return out
     sub = max(1, int(np.rint(step)))
-    out[:] = 0
-    left, right = np.empty(side * sub, np.int64), np.empty(side * sub, np.int64)
-    share = np.empty(side * sub, np.float32)
-    for j in range(side * sub):
-        x = min(max(x0 + ((j + 0.5) / sub - 0.5) * step, 0.0), width - 1.0)
-        left[j], right[j], share[j] = int(x), min(int(x) + 1, width - 1), x - int(x)
-    part = np.float32(1.0 / (sub * sub))
-    for i in range(side * sub):
-        y = min(max(y0 + ((i + 0.5) / sub - 0.5) * step, 0.0), height - 1.0)
-        top, bottom, low = bgr[int(y)], bgr[min(int(y) + 1, height - 1)], np.float32(y - int(y))
-        line = out[i // sub]
-        for j in range(side * sub):
-            a, b, right_of = left[j], right[j], share[j]
+    start, part = (0.5 / sub - 0.5) * step, np.float32(1.0 / sub)
+    left, right, a = neighbours(x0 + start, step / sub, side * sub, width)
+    upper, lower, b = neighbours(y0 + start, step / sub, side * sub, height)
+    # First along the rows, each of the patch's once, then whole rows with one another.
+    first = upper[0]
+    along = np.zeros((lower[-1] - first + 1, 3 * side), np.float32)
+    for i in range(along.shape[0]):
+        source, line = bgr[first + i], along[i]
+        for p in range(side * sub):
+            q, j, k, share = 3 * (p // sub), left[p], right[p], a[p]
             for c in range(3):
-                first = top[a, c] + low * (np.float32(bottom[a, c]) - np.float32(top[a, c]))
-                second = top[b, c] + low * (np.float32(bottom[b, c]) - np.float32(top[b, c]))
-                line[j // sub, c] += part * (first + right_of * (second - first))
+                value = np.float32(source[j, c])
+                line[q + c] += part * (value + share * (np.float32(source[k, c]) - value))
+    out = np.zeros((side, 3 * side), np.float32)
+    for p in range(side * sub):
+        line, above, below, low = out[p // sub], along[upper[p] - first], along[lower[p] - first], b[p]
+        for q in range(3 * side):
+            line[q] += part * (above[q] + low * (below[q] - above[q]))
     return out
 
 
-@kernel(None, array(F8, 2), F8, F8, F8)
-def dice_overlaps(circles, x, y, r):
-    """`Circle.dice` of each of some circles (N, 3) with one, (N,)."""
-    out = np.zeros(len(circles))
-    for k in range(len(circles)):
-        d, s = math.hypot(circles[k, 0] - x, circles[k, 1] - y), circles[k, 2]
-        if d >= r + s:
-            continue
-        shared = math.pi * min(r, s) ** 2
-        if d > abs(r - s):
-            alpha = math.acos(max(-1.0, min(1.0, (d * d + r * r - s * s) / (2.0 * d * r))))
-            beta = math.acos(max(-1.0, min(1.0, (d * d + s * s - r * r) / (2.0 * d * s))))
-            shared = r * r * (alpha - math.sin(2.0 * alpha) / 2.0) + s * s * (beta - math.sin(2.0 * beta) / 2.0)
-        out[k] = 2.0 * shared / (math.pi * (r * r + s * s))
-    return out
+@inner
+def _dice(x, y, r, other_x, other_y, other_r):
+    """`Circle.dice` of two circles; 0 where one has no size."""
+    d = math.hypot(x - other_x, y - other_y)
+    if d >= r + other_r:
+        return 0.0
+    shared = math.pi * min(r, other_r) ** 2
+    if d > abs(r - other_r):
+        alpha = math.acos(max(-1.0, min(1.0, (d * d + r * r - other_r * other_r) / (2.0 * d * r))))
+        beta = math.acos(max(-1.0, min(1.0, (d * d + other_r * other_r - r * r) / (2.0 * d * other_r))))
+        shared = r * r * (alpha - math.sin(2.0 * alpha) / 2.0) + other_r * other_r * (beta - math.sin(2.0 * beta) / 2.0)
+    return 2.0 * shared / (math.pi * (r * r + other_r * other_r))
 
 
 @kernel(None, BGR, F8, F8, F8, F8)
@@ -141,7 +129,8 @@ def cut_disc(bgr, x, y, step, radius):
         half2 = radius * radius - (i - middle) ** 2
         half = int(np.floor(np.sqrt(half2))) if half2 >= 0 else -1
         rows[i, 0], rows[i, 1] = middle - half, middle + half + 1
-    return _square(bgr, x - middle * step, y - middle * step, step, side), rows
+    pixels = _square(bgr, x - middle * step, y - middle * step, step, side)
+    return pixels.reshape(side, side, 3), rows
 
 
 @inner
@@ -150,6 +139,19 @@ def _dot(f, g):
     for q in range(f.size):
         total += f[q] * g[q]
     return total
+
+
+@inner
+def _four_dots(f, windows, pitch):
+    """The products of one template with four windows, each `pitch` values further on, so that it is read only once."""
+    a, b, c, d = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+    gb, gc, gd = windows[pitch:], windows[2 * pitch :], windows[3 * pitch :]
+    for q in range(f.size):
+        a += f[q] * windows[q]
+        b += f[q] * gb[q]
+        c += f[q] * gc[q]
+        d += f[q] * gd[q]
+    return a, b, c, d
 
 
 @inner
@@ -166,7 +168,71 @@ def _above_rounding(variance, power):
     return variance if variance > np.float32(1e-5) * power else np.float32(0)
 
 
-@kernel(None, _PIXELS, _ROWS, _PIXELS, BOOL)
+@inner
+def _products(f, disc, lines, width, absolute):
+    """The products (k, k) of a template with the windows of a search picture (m, 3 m), and (`absolute`, else 0) the
+    sums of their absolute differences. `f` and `disc` (1 where it counts) are the template as one line, its n rows of
+    3 n values filled up with 0 to `width`, whole registers."""
+    m, size = lines.shape[0], f.size
+    n = size // width
+    k = m - n + 1
+    cross, sad = np.empty((k, k), np.float32), np.zeros((k, k), np.float32)
+    strip = np.zeros((m, width), np.float32)  # columns u .. u + n - 1 of the search picture: its windows, row by row
+    windows = strip.reshape(m * width)
+    for u in range(k):
+        for i in range(m):
+            for q in range(3 * n):
+                strip[i, q] = lines[i, 3 * u + q]
+        for v in range(0, k - 3, 4):
+            four = _four_dots(f, windows[v * width :], width)
+            cross[v, u], cross[v + 1, u], cross[v + 2, u], cross[v + 3, u] = four
+        for v in range(k - k % 4, k):
+            cross[v, u] = _dot(f, windows[v * width : v * width + size])
+        if absolute:
+            for v in range(k):
+                sad[v, u] = _distance(f, disc, windows[v * width : v * width + size])
+    return cross, sad
+
+
+@inner
+def _running_sums(search, spare):
+    """Sums of blue, green, red and of their squares over the pixels left of each one of a picture (m, m, 3), the four
+    side by side: (m, 4 (m + 1) + spare) float32."""
+    m = search.shape[0]
+    out, power = np.zeros((m, 4 * (m + 1) + spare), np.float32), np.empty(m, np.float32)
+    for i in range(m):
+        pixels, line = search[i], out[i]
+        for j in range(m):
+            blue, green, red = pixels[j, 0], pixels[j, 1], pixels[j, 2]
+            power[j] = blue * blue + green * green + red * red
+        g0, g1, g2, squares = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+        for j in range(m):
+            g0, g1, g2, squares = g0 + pixels[j, 0], g1 + pixels[j, 1], g2 + pixels[j, 2], squares + power[j]
+            q = 4 * (j + 1)
+            line[q], line[q + 1], line[q + 2], line[q + 3] = g0, g1, g2, squares
+    return out
+
+
+@inner
+def _sums(rows, search):
+    """Sums of blue, green, red and of their squares under the disc (n rows) in every window of a search picture
+    (m, m, 3), the four side by side: (k, 4 k) float32 or wider, whole registers of them."""
+    n = rows.shape[0]
+    k = search.shape[0] - n + 1
+    span = 4 * ((k + 7) // 8 * 8)
+    sums, running = np.zeros((k, span), np.float32), _running_sums(search, span)
+    for v in range(k):
+        out = sums[v]
+        for i in range(n):
+            first, end = 4 * rows[i, 0], 4 * rows[i, 1]
+            if first < end:
+                low, high = running[v + i, first : first + span], running[v + i, end : end + span]
+                for q in range(span):
+                    out[q] += high[q] - low[q]
+    return sums
+
+
+@inner
 def six_maps(pixels, rows, search, absolute):
     """All six response maps, (6, k, k) float32 in the order of MATCHERS (`absolute`: of MATCHERS_SAD), of a template
     (n, n, 3) over a search picture (n + k - 1, n + k - 1, 3), both float32.
@@ -176,10 +242,8 @@ def six_maps(pixels, rows, search, absolute):
     """
     n, m = pixels.shape[0], search.shape[0]
     k = m - n + 1
-    # The template as one line, 0 where it does not count, so that a window is one dot product.
-    width = 3 * n
-    size = n * width
-    f, disc = np.zeros(size, np.float32), np.zeros(size, np.float32)
+    width = (3 * n + 7) // 8 * 8
+    f, disc = np.zeros(n * width, np.float32), np.zeros(n * width, np.float32)
     count, f0, f1, f2 = 0, np.float32(0), np.float32(0), np.float32(0)
     for i in range(n):
         for j in range(rows[i, 0], rows[i, 1]):
@@ -190,37 +254,8 @@ def six_maps(pixels, rows, search, absolute):
     part = np.float32(1.0 / max(count, 1))
     f_power = _dot(f, f)
     f_variance = _above_rounding(f_power - part * (f0 * f0 + f1 * f1 + f2 * f2), f_power)
-    cross, sad = np.empty((k, k), np.float32), np.zeros((k, k), np.float32)
-    lines = search.reshape(m, 3 * m)
-    strip = np.empty((m, width), np.float32)  # columns u .. u + n - 1 of the search picture: its windows, row by row
-    windows = strip.reshape(m * width)
-    for u in range(k):
-        for i in range(m):
-            for q in range(width):
-                strip[i, q] = lines[i, 3 * u + q]
-        for v in range(k):
-            g = windows[v * width : v * width + size]
-            cross[v, u] = _dot(f, g)
-            if absolute:
-                sad[v, u] = _distance(f, disc, g)
-    # Sums of g and g squared under the disc, from running sums along each row; whole vector registers of them.
-    span = 4 * ((k + 7) // 8 * 8)
-    sums = np.zeros((k, span), np.float32)
-    running = np.zeros(4 * (m + 1) + span, np.float32)
-    for i in range(m):
-        g0, g1, g2, squares = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-        for j in range(m):
-            blue, green, red = search[i, j, 0], search[i, j, 1], search[i, j, 2]
-            g0, g1, g2 = g0 + blue, g1 + green, g2 + red
-            squares += blue * blue + green * green + red * red
-            q = 4 * (j + 1)
-            running[q], running[q + 1], running[q + 2], running[q + 3] = g0, g1, g2, squares
-        for v in range(max(0, i - n + 1), min(k, i + 1)):
-            first, end = 4 * rows[i - v, 0], 4 * rows[i - v, 1]
-            if first < end:
-                low, high, out = running[first : first + span], running[end : end + span], sums[v]
-                for q in range(span):
-                    out[q] += high[q] - low[q]
+    cross, sad = _products(f, disc, search.reshape(m, 3 * m), width, absolute)
+    sums = _sums(rows, search)
     maps = np.empty((6, k, k), np.float32)
     tiny, zero, one = np.float32(1e-6), np.float32(0), np.float32(1)
     for v in range(k):
@@ -230,8 +265,7 @@ def six_maps(pixels, rows, search, absolute):
             coefficient = both - part * (g0 * f0 + g1 * f1 + g2 * f2)
             g_variance = _above_rounding(squares - part * (g0 * g0 + g1 * g1 + g2 * g2), squares)
             energy = np.sqrt(max(squares * f_power, tiny))
-            maps[0, v, u], maps[1, v, u] = both, both / energy
-            maps[2, v, u] = coefficient
+            maps[0, v, u], maps[1, v, u], maps[2, v, u] = both, both / energy, coefficient
             spread = g_variance * f_variance
             maps[3, v, u] = coefficient / np.sqrt(spread) if spread > zero else zero
             if absolute:
@@ -256,10 +290,12 @@ def _best(values, sign):
     the true peak from it."""
     k = values.shape[0]
     row = column = 0
+    best = sign * values[0, 0]
     for v in range(k):
         for u in range(k):
-            if sign * values[v, u] > sign * values[row, column]:
-                row, column = v, u
+            value = sign * values[v, u]
+            if value > best:
+                best, row, column = value, v, u
     dx = dy = 0.0
     if 0 < row < k - 1:
         dy = _vertex(sign * values[row - 1, column], sign * values[row, column], sign * values[row + 1, column])
@@ -269,40 +305,62 @@ def _best(values, sign):
 
 
 @inner
-def _less(picture, mean):
-    out = np.empty(picture.shape, np.float32)
-    for i in range(picture.shape[0]):
-        for j in range(picture.shape[1]):
-            out[i, j, 0] = picture[i, j, 0] - mean[0]
-            out[i, j, 1] = picture[i, j, 1] - mean[1]
-            out[i, j, 2] = picture[i, j, 2] - mean[2]
-    return out
+def _mean_colour(lines):
+    """The mean of each channel of a picture (h, 3 w), as a line (3 w,)."""
+    height, width = lines.shape
+    total, colour = np.zeros(width, np.float32), np.zeros(3, np.float32)
+    for i in range(height):
+        line = lines[i]
+        for q in range(width):
+            total[q] += line[q]
+    for q in range(width):
+        colour[q % 3] += total[q]
+    for q in range(width):
+        total[q] = colour[q % 3] * np.float32(3.0 / (height * width))
+    return total
 
 
-@kernel(None, BGR, F8, F8, F8, I8, _PIXELS, _ROWS, BOOL)
-def search_six(bgr, x, y, step, shifts, pixels, rows, absolute):
-    """Search a patch (h, w, 3) BGR around (x, y), up to `shifts` steps of `step` patch pixels each way, for a template.
+@inner
+def _less(lines, colour):
+    """A picture (h, 3 w) less a colour given as a line, as a picture (h, w, 3)."""
+    height, width = lines.shape
+    out = np.empty((height, width), np.float32)
+    for i in range(height):
+        line, to = lines[i], out[i]
+        for q in range(width):
+            to[q] = line[q] - colour[q]
+    return out.reshape(height, width // 3, 3)
 
-    Gives the maps (6, k, k) float32 with k = 2 shifts + 1, each one's best column and row (6, 2) int64 and value (6,),
-    and the peaks between the pixels, (6, 2) float64 in patch pixels from (x, y).
+
+@kernel(None, BGR, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, I8, _PIXELS, _ROWS, BOOL)
+def search_six(
+    bgr, x0_px, y0_px, step_px, x_px, y_px, r_px, claim_x_px, claim_y_px, claim_r_px, template_r_px,
+    shifts, pixels, rows, absolute,
+):  # fmt: skip
+    """Search a patch (h, w, 3) BGR, whose pixel (i, j) is the picture at (x0_px + j step_px, y0_px + i step_px), around
+    a circle, up to `shifts` pixels of a template each way, whose circle has `template_r_px` of them.
+
+    Gives the maps (6, k, k) float32 with k = 2 shifts + 1, each one's best column and row (6, 2) int64, and (5, 6)
+    float64: x, y and r of the circles found, in image pixels, their scores, and their Dice overlaps with the claim,
+    which are 0 when that has no radius.
     """
-    side = pixels.shape[0] + 2 * shifts
+    n, step = pixels.shape[0], r_px / step_px / template_r_px
+    side = n + 2 * shifts
     middle = (side - 1) // 2
-    search = _square(bgr, x - middle * step, y - middle * step, step, side)
+    corner_x, corner_y = (x_px - x0_px) / step_px - middle * step, (y_px - y0_px) / step_px - middle * step
+    search = _square(bgr, corner_x, corner_y, step, side)
     # The thesis takes both pictures to have zero mean (before eq 3.2); without it CCORR finds whatever is brightest.
-    blue, green, red = np.float32(0), np.float32(0), np.float32(0)
-    for i in range(side):
-        for j in range(side):
-            blue, green, red = blue + search[i, j, 0], green + search[i, j, 1], red + search[i, j, 2]
-    part = np.float32(1.0 / (side * side))
-    mean = (part * blue, part * green, part * red)
-    maps = six_maps(_less(pixels, mean), rows, _less(search, mean), absolute)
-    peaks, scores, offsets = np.empty((6, 2), np.int64), np.empty(6), np.empty((6, 2))
-    for n in range(6):
-        column, row, dx, dy = _best(maps[n], np.float32(1 if n < 4 else -1))
-        peaks[n, 0], peaks[n, 1], scores[n] = column, row, maps[n, row, column]
-        offsets[n, 0], offsets[n, 1] = (column + dx - shifts) * step, (row + dy - shifts) * step
-    return maps, peaks, scores, offsets
+    colour = _mean_colour(search)
+    maps = six_maps(_less(pixels.reshape(n, 3 * n), colour), rows, _less(search, colour), absolute)
+    peaks, found = np.empty((6, 2), np.int64), np.empty((5, 6))
+    for k in range(6):
+        column, row, dx, dy = _best(maps[k], np.float32(1 if k < 4 else -1))
+        x = x_px + (column + dx - shifts) * step * step_px
+        y = y_px + (row + dy - shifts) * step * step_px
+        peaks[k, 0], peaks[k, 1] = column, row
+        found[0, k], found[1, k], found[2, k], found[3, k] = x, y, r_px, maps[k, row, column]
+        found[4, k] = _dice(x, y, r_px, claim_x_px, claim_y_px, claim_r_px)
+    return maps, peaks, found
 
 
 def make_template(patch: Patch, circle: Circle, config: MatchingConfig) -> Template:
@@ -313,22 +371,28 @@ def make_template(patch: Patch, circle: Circle, config: MatchingConfig) -> Templ
     return Template(pixels, rows, config.template_r_px, circle)
 
 
-def match(template: Template, patch: Patch, around: Circle, reach_px: float, config: MatchingConfig) -> Matches:
-    """Search the patch up to `reach_px` around a circle's centre (image pixels) for the template.
+def match(
+    template: Template,
+    patch: Patch,
+    around: Circle,
+    reach_px: float,
+    config: MatchingConfig,
+    claim: Circle | None = None,
+) -> Matches:
+    """Search the patch up to `reach_px` around a circle's centre (image pixels) for the template, and compare what is
+    found with a claim.
 
     The circles found are in image pixels and have the size the marker had when the template was taken, brought to
     the size expected now (`around.r_px`) so that a fast approach is not taken for disagreement. Time and memory grow
     with the square of `reach_px` over the radius: the caller keeps it to about the radius.
     """
-    local = patch.local(around)
-    step = local.r_px / template.r_px
-    shifts = max(1, round(reach_px * template.r_px / around.r_px))
     absolute = config.difference == "SAD"
-    values, peaks, scores, offsets = search_six(
-        patch.bgr, local.x_px, local.y_px, step, shifts, template.pixels, template.rows, absolute
-    )
-    circles = tuple(
-        Circle(around.x_px + dx * patch.step_px, around.y_px + dy * patch.step_px, around.r_px)
-        for dx, dy in offsets.tolist()
-    )
-    return Matches(MATCHERS_SAD if absolute else MATCHERS, values, peaks, tuple(scores.tolist()), circles)
+    claimed = _NOTHING if claim is None else claim
+    values, peaks, found = search_six(
+        patch.bgr, patch.x0_px, patch.y0_px, patch.step_px,
+        around.x_px, around.y_px, around.r_px, claimed.x_px, claimed.y_px, claimed.r_px,
+        template.r_px, max(1, round(reach_px * template.r_px / around.r_px)), template.pixels, template.rows, absolute,
+    )  # fmt: skip
+    x, y, r, scores, overlaps = found.tolist()
+    circles = tuple(map(Circle, x, y, r))
+    return Matches(MATCHERS_SAD if absolute else MATCHERS, values, peaks, tuple(scores), circles, tuple(overlaps))

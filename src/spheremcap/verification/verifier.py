@@ -55,8 +55,8 @@ class Verifier:
         # A lost marker may look as it did when last verified or as it did when a person showed it.
         tried = []
         for template in (self._template, self._seeded) if prior.lost else (self._template,):
-            matches = match(template, patch, prior.around, reach_px, self._matching)
-            votes = cast_votes(matches, circle)
+            matches = match(template, patch, prior.around, reach_px, self._matching, circle)
+            votes = cast_votes(matches)
             tried.append((vote_sum(votes), votes, matches))
         total, votes, matches = max(tried, key=lambda one: one[0])
         verdict = judge(total, self._jury) if claim is not None else Verdict.REJECTED
