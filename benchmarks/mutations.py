@@ -9,7 +9,7 @@ what fails then is left out. Ends with 1 when a fault's text is not found any mo
 
 Faults up to 34 have the numbers of a reader's review of an early version, which 20 of its 35 faults escaped: these are
 they, in their present form. From 101 on they are of chain, status, checks, session, optics, whereabouts, verifier and
-follower.
+follower, from 181 on of what edges, outline and filter make of what they know beforehand.
 """
 
 import argparse
@@ -46,6 +46,8 @@ CHECKS, DECISIONS = "tests/verification/test_checks.py", "tests/test_decisions.p
 LEARNER, OUTLINE = "tests/detection/test_optics_learner.py", "tests/detection/test_outline.py"
 STATUS, VERIFIER = "tests/core/test_status.py", "tests/verification/test_verifier.py"
 FOLLOWER, WHEREABOUTS = "tests/tracking/test_follower.py", "tests/positioning/test_whereabouts.py"
+EDGE, COLOUR = "tests/detection/test_edge.py", "tests/detection/test_colour.py"
+SPHERE, KALMAN = "tests/positioning/test_sphere.py", "tests/positioning/test_kalman.py"
 
 FAULTS = (
     Fault(
@@ -55,11 +57,11 @@ FAULTS = (
     ),
     Fault(
         2, "edge: curvature of blur dropped", "detection/edge.py",
-        "inwards = sigma * sigma / (2.0 * r_px)", "inwards = 0.0", ("tests/detection/test_edge.py",),
+        "inwards = sigma * sigma / (2.0 * r_px)", "inwards = 0.0", (EDGE,),
     ),
     Fault(
         4, "edge: sign of the streak's curvature", "detection/edge.py",
-        "centre = k + 0.5 + inwards", "centre = k + 0.5 - inwards", ("tests/detection/test_edge.py",),
+        "centre = np.float32(k + 0.5) + inwards[n]", "centre = np.float32(k + 0.5) - inwards[n]", (EDGE,),
     ),
     Fault(
         6, "colour: a clipped marker may not go pale", "detection/colour.py",
@@ -72,12 +74,11 @@ FAULTS = (
     ),
     Fault(
         9, "sphere: hold kept to the end", "positioning/sphere.py",
-        "if not math.isnan(hold) and number < rounds - 2:", "if not math.isnan(hold):",
-        ("tests/positioning/test_sphere.py",),
+        "if not math.isnan(hold) and number < rounds - 2:", "if not math.isnan(hold):", (SPHERE,),
     ),
     Fault(
         10, "kalman: smoother forgets widening", "positioning/kalman.py",
-        "* widened[k + 1]", "", ("tests/positioning/test_kalman.py",),
+        "* widened[k + 1]", "", (KALMAN,),
     ),
     Fault(17, "checks: no gate", "verification/checks.py", '    "gate": _gate,\n', "", (CHECKS,)),
     Fault(18, "checks: the seed has no veto", "verification/checks.py", '    "seed": _seed,\n', "", (CHECKS,)),
@@ -96,7 +97,7 @@ FAULTS = (
     ),
     Fault(
         24, "outline: rays counted as independent", "detection/outline.py",
-        "shared = max(1.0, unsure[0] * rays / (2.0 * math.pi * found_r))", "shared = 1.0", (OUTLINE,),
+        "return max(1.0, length_px * rays / (2.0 * math.pi * r_px))", "return 1.0", (OUTLINE,),
     ),
     Fault(
         25, "appearance: gain never follows", "detection/appearance.py",
@@ -283,6 +284,87 @@ FAULTS = (
     Fault(
         173, "follower: size from points unbounded", "tracking/follower.py",
         "min(max(self._before[1].r_px * ratio, 0.9 * r_px), 1.1 * r_px)", "self._before[1].r_px * ratio", (FOLLOWER,),
+    ),
+    # -- a distance known beforehand
+    Fault(
+        181, "sphere: the known distance left out of the last rounds", "positioning/sphere.py",
+        "        deviation = known_sd_m\n", "        deviation = known_sd_m if number < rounds - 2 else math.inf\n",
+        (SPHERE, OUTLINE),
+    ),
+    Fault(
+        182, "sphere: what the rays say alone has the distance in it", "positioning/sphere.py",
+        "alone[i] = centre[i] - covariance[i, 0] * gx - covariance[i, 1] * gy - covariance[i, 2] * gz",
+        "alone[i] = centre[i] - step[i]", (OUTLINE,),
+    ),
+    Fault(
+        183, "outline: the likeliest place no surer than the outline", "detection/outline.py",
+        "    if finite(known_sd):\n        _condition(both, centre / length, known_sd * known_m)\n", "", (OUTLINE,),
+    ),
+    Fault(
+        184, "whereabouts: the filter takes its own distance in", "positioning/whereabouts.py",
+        "self.track.update(*claim.outline_alone)", "self.track.update(claim.xyz_cam_m, claim.covariance_m2)",
+        (WHEREABOUTS,),
+    ),
+    Fault(
+        185, "whereabouts: the filter starts with the likeliest place", "positioning/whereabouts.py",
+        "self.track.start(stamp_ns, *claim.outline_alone)",
+        "self.track.start(stamp_ns, claim.xyz_cam_m, claim.covariance_m2)", (WHEREABOUTS,),
+    ),
+    Fault(
+        186, "whereabouts: the likeliest place at the gate", "positioning/whereabouts.py",
+        "self.track.surprise(*claim.outline_alone)", "self.track.surprise(claim.xyz_cam_m, claim.covariance_m2)",
+        (WHEREABOUTS,),
+    ),
+    # -- edges
+    Fault(
+        191, "edge: what neighbouring chroma shares counts the more", "detection/edge.py",
+        "shared = _SHARED if grid[0] > 1.0 else 1.0", "shared = 1.0 / _SHARED if grid[0] > 1.0 else 1.0", (EDGE,),
+    ),
+    Fault(
+        192, "edge: a step of any height", "detection/edge.py",
+        "(sse[k, n] + expected[k, n] * held / both * off * off)", "sse[k, n]", (EDGE,),
+    ),
+    Fault(
+        193, "edge: chroma says nothing", "detection/edge.py",
+        "shapes[1], varies[1], params[1], shared, cost,", "shapes[1], varies[1], params[1], 1e9, cost,", (EDGE,),
+    ),
+    Fault(
+        194, "edge: brightness says nothing", "detection/edge.py",
+        "shapes[0], varies[0], params[1], 1.0, cost,", "shapes[0], varies[0], params[1], 1e9, cost,", (EDGE,),
+    ),
+    Fault(
+        195, "edge: shading is carried on without a doubt", "detection/edge.py",
+        "carried = _CARRIED * (2.0 * depth[n] / r_px) ** 2", "carried = 0.0", (EDGE,),
+    ),
+    Fault(
+        196, "outline: limits not loosened for edges", "detection/outline.py",
+        "_NO_LIMITS if limits is None else loosened(limits)", "_NO_LIMITS if limits is None else limits", (OUTLINE,),
+    ),
+    Fault(
+        197, "colour: hue loosened twofold", "detection/colour.py", "1.5 * hue_half", "2.0 * hue_half", (COLOUR,),
+    ),
+    # -- filter
+    Fault(
+        201, "kalman: a push moves place and velocity apart", "positioning/kalman.py",
+        "[[abs(dt_s) ** 3 / 3, dt_s * abs(dt_s) / 2], [dt_s * abs(dt_s) / 2, abs(dt_s)]]",
+        "[[abs(dt_s) ** 3 / 3, -dt_s * abs(dt_s) / 2], [-dt_s * abs(dt_s) / 2, abs(dt_s)]]", (KALMAN,),
+    ),
+    Fault(
+        202, "kalman: so it does in the smoother", "positioning/kalman.py",
+        "noise[i, 3 + i] = noise[3 + i, i] = power * dt * dt / 2.0",
+        "noise[i, 3 + i] = noise[3 + i, i] = -power * dt * dt / 2.0", (KALMAN,),
+    ),
+    Fault(
+        203, "kalman: one acceleration over each step", "positioning/kalman.py",
+        "[[abs(dt_s) ** 3 / 3, dt_s * abs(dt_s) / 2]", "[[abs(dt_s) ** 3 / 4, dt_s * abs(dt_s) / 2]", (KALMAN,),
+    ),
+    Fault(
+        204, "kalman: an acceleration that does not forget itself", "positioning/kalman.py",
+        "if ratio < 1e-3:", "if ratio < 1e9:", (KALMAN,),
+    ),
+    Fault(
+        205, "kalman: as forgetful over short steps as over long ones", "positioning/kalman.py",
+        "(ratio - 1.0 + math.exp(-ratio))", "ratio", (KALMAN,),
     ),
 )  # fmt: skip
 

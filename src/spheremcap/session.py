@@ -201,7 +201,7 @@ def _smoothed(moments: Sequence[tuple[int, int, Moment]], kalman: KalmanConfig) 
     for k in range(1, len(moments) + 1):
         if k == len(moments) or moments[k][1] != moments[start][1]:
             stretch = moments[start:k]
-            smoothed = smooth([m for _, _, m in stretch], kalman.acceleration_mps2, kalman.enabled)
+            smoothed = smooth([m for _, _, m in stretch], kalman)
             for (index, _, _), moment in zip(stretch, smoothed, strict=True):
                 yield index, moment
             start = k

@@ -20,6 +20,7 @@ from spheremcap.detection.colour import (
     disc_mask,
     disc_pixels,
     learn_box,
+    loosened,
 )
 
 FREE = {"least_hue": 0, "least_saturation": 0, "least_value": 0}
@@ -273,6 +274,28 @@ def test_blobs_are_opencvs(seed, height, width, share, diagonal, least):
     assert ours.shape == theirs.shape
     order = [np.lexsort(rows.T[::-1]) for rows in (ours, theirs)]
     np.testing.assert_allclose(ours[order[0]], theirs[order[1]], atol=1e-9)
+
+
+def test_near_the_outline_hue_may_be_half_as_far_again_off_and_the_rest_fall_to_about_half():
+    limits = np.array([60.0, 8.0, 100.0, 200.0, 80.0, 120.0])
+    before = limits.copy()
+    assert loosened(limits).tolist() == pytest.approx([60.0, 12.0, 60.0, np.inf, 40.0, np.inf])
+    np.testing.assert_array_equal(limits, before)  # it is a copy
+    everything = ColourBox(0.0, 90.0, (0.0, 255.0), (0.0, 255.0)).limits()
+    assert loosened(everything).tolist() == everything.tolist()
+
+
+@pytest.mark.parametrize(
+    ("colour", "taken"),
+    [
+        ((71.5, 150, 100), True), ((72.5, 150, 100), False), ((48.5, 150, 100), True), ((47.5, 150, 100), False),
+        ((60, 61, 100), True), ((60, 59, 100), False), ((60, 255, 100), True),
+        ((60, 150, 41), True), ((60, 150, 39), False), ((60, 150, 255), True),
+    ],
+)  # fmt: skip
+def test_a_colour_within_each_loosened_limit_is_taken_and_one_beyond_is_not(colour, taken):
+    limits = loosened(np.array([60.0, 8.0, 100.0, 200.0, 80.0, 120.0]))
+    assert bool(reference.inside(limits, np.array([colour], float))[0]) == taken
 
 
 # -- on pictures -----------------------------------------------------------------------------------

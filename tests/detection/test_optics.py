@@ -155,12 +155,12 @@ def range_errors(given_s, indices, readout_s=0.0036):
 
 
 def test_a_rolling_shutter_does_not_change_the_distance():
-    """Known from the start, learnt when the evidence is beyond doubt (after some seventy frames of swinging), wrong
+    """Known from the start, learnt when the evidence is beyond doubt (after some ninety frames of swinging), wrong
     when taken for a global one."""
-    indices = range(1, 120)
+    indices = range(1, 160)
     known, learnt, wrong = (range_errors(s, indices) for s in (0.0036, None, 0.0))
     assert known.std() < 0.003
-    assert learnt[80:].std() < 0.004
+    assert learnt[100:].std() < 0.004
     assert wrong.std() > 0.008
 
 

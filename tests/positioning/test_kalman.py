@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from reference import kalman as reference
 from spheremcap.core.time import NS_PER_S
-from spheremcap.positioning.kalman import KalmanConfig, Moment, Track3D, smooth, transition
+from spheremcap.positioning.kalman import KalmanConfig, Moment, Track3D, change_power, smooth, transition
 
 SD_M = np.array([0.002, 0.001, 0.01])
 R = np.diag(SD_M**2)
@@ -77,15 +77,64 @@ def test_dt_comes_from_the_stamps():
 
 
 @pytest.mark.parametrize("dt", [0.001, 1 / 240, 0.5])
-def test_the_random_acceleration_is_constant_between_two_stamps(dt):
-    f, q = transition(dt, 60.0)
+def test_the_noise_of_a_step_is_that_of_white_acceleration_added_up_over_it(dt):
+    """A push at time s before the end moves the velocity by 1 and the place by s; pushes at different times are
+    independent, so that Q is the power times the integral of (s, 1)' (s, 1) over the step."""
+    config = KalmanConfig()
+    f, q = transition(dt, config)
     np.testing.assert_allclose(f @ [1, 2, 3, 10, 20, 30], [1 + 10 * dt, 2 + 20 * dt, 3 + 30 * dt, 10, 20, 30])
-    a = 60.0**2
-    for k in range(3):
-        assert q[k, k] == pytest.approx(a * dt**4 / 4)
-        assert q[k, k + 3] == pytest.approx(a * dt**3 / 2)
-        assert q[k + 3, k + 3] == pytest.approx(a * dt**2)
-    assert np.linalg.matrix_rank(q) == 3
+    before_end_s = (np.arange(2000) + 0.5) / 2000 * dt
+    pushes = np.stack([before_end_s, np.ones(2000)])
+    added = pushes @ pushes.T * dt / 2000
+    power = change_power(dt, config.acceleration_mps2, config.acceleration_s)
+    np.testing.assert_allclose(q, power * np.kron(added, np.eye(3)), rtol=1e-6)
+    scale = np.diag(np.repeat([dt, 1.0], 3))  # so that place and velocity count alike
+    assert np.linalg.eigvalsh(np.linalg.inv(scale) @ q @ np.linalg.inv(scale)).min() > 0.05 * q[3, 3]
+
+
+@pytest.mark.parametrize("dt", [-1 / 240, -0.5])
+def test_a_step_back_in_time_has_a_noise_too(dt):
+    q, ahead = transition(dt, KalmanConfig())[1], transition(-dt, KalmanConfig())[1]
+    np.testing.assert_allclose(np.diag(q), np.diag(ahead))
+    np.testing.assert_allclose(q[0, 3], -ahead[0, 3])
+    assert np.linalg.eigvalsh(q).min() > 0
+
+
+def singer(rng, dt, count, config):
+    """Velocities (count, 3), from 0, under an acceleration that forgets itself within `acceleration_s`, on a grid of
+    `dt` far finer than that."""
+    mps2, memory_s = config.acceleration_mps2, config.acceleration_s
+    kept = np.exp(-dt / memory_s)
+    a, v, out = rng.normal(0, mps2, 3), np.zeros(3), np.empty((count, 3))
+    for k in range(count):
+        out[k] = v
+        after = kept * a + mps2 * np.sqrt(1 - kept**2) * rng.standard_normal(3)
+        v, a = v + 0.5 * (a + after) * dt, after
+    return out
+
+
+@pytest.mark.parametrize("steps", [0.05, 1.0, 8.0])
+def test_the_velocity_changes_as_much_over_a_step_as_that_of_a_wrist_does(steps):
+    """By simulation: the acceleration pushes one way for a while and is another one then."""
+    config, rng = KalmanConfig(), np.random.default_rng(7)
+    dt = steps * config.acceleration_s
+    v = np.array([singer(rng, dt / 200, 201, config)[-1] for _ in range(400)])
+    assert transition(dt, config)[1][3, 3] == pytest.approx((v**2).mean(), rel=0.15)
+
+
+def test_over_short_steps_the_acceleration_is_constant_and_over_long_ones_each_push_is_a_new_one():
+    config = KalmanConfig()
+    mps2, memory_s = config.acceleration_mps2, config.acceleration_s
+
+    def grown(dt):
+        return transition(dt, config)[1][3, 3]
+
+    for short in (1e-7, 0.9e-3 * memory_s, 1.1e-3 * memory_s, 0.01 * memory_s):
+        assert grown(short) == pytest.approx((mps2 * short) ** 2, rel=0.005)
+    long = 1000 * memory_s
+    assert grown(100 * long) == pytest.approx(100 * grown(long), rel=0.002)
+    assert grown(long) == pytest.approx(2 * mps2**2 * memory_s * long, rel=0.002)
+    assert grown(memory_s) > 5 * 5 * grown(memory_s / 5) * 0.7
 
 
 def moments_of_leaps(steps, sd, seed):
@@ -126,7 +175,7 @@ def test_the_covariance_stays_a_covariance(steps, sd, seed):
 @settings(deadline=None, max_examples=25)
 @given(leaping, st.floats(1e-4, 1.0), st.integers(0, 2**32 - 1))
 def test_so_does_the_smoothed_one(steps, sd, seed):
-    assert_covariances(smooth(moments_of_leaps(steps, sd, seed), 60.0), 1e-6)
+    assert_covariances(smooth(moments_of_leaps(steps, sd, seed), KalmanConfig()), 1e-6)
 
 
 def test_thousands_of_steps_leave_a_covariance():
@@ -178,8 +227,59 @@ def test_looking_at_the_gate_changes_nothing():
     np.testing.assert_array_equal(track.now.covariance, before.covariance)
 
 
+@pytest.mark.parametrize(("sd_m", "most"), [(2e-4, 1.25), (1e-3, 2.0)], ids=["sideways", "in depth"])
+@pytest.mark.parametrize("rate_hz", [24, 60, 240, 480])
+def test_errors_are_as_large_as_the_filter_says_at_any_frame_rate(rate_hz, sd_m, most):
+    """NEES over the number of dimensions, of the place and of place and velocity, under an acceleration that forgets
+    itself as the configuration has it: 1, were the filter's white one the same. Where a step is short against that time
+    and the places are poor, so that many steps count, it is too sure by up to `most`."""
+    rng, config = np.random.default_rng(rate_hz), KalmanConfig()
+    period_ns = NS_PER_S // rate_hz
+    fine = max(1, round(period_ns / NS_PER_S / (0.05 * config.acceleration_s)))
+    dt = period_ns / NS_PER_S / fine
+    of_place, of_state = [], []
+    for _ in range(12):
+        count = fine * 60
+        v = singer(rng, dt, count + 1, config)
+        places = np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * (v[1:] + v[:-1]) * dt, axis=0)]) + np.array(
+            [0, 0, 1.0]
+        )
+        stamps = [k * period_ns for k in range(60)]
+        true = np.concatenate([places, v], axis=1)[: fine * 60 : fine]
+        moments = run(stamps, list(true[:, :3] + rng.normal(0, sd_m, (60, 3))), config, np.eye(3) * sd_m**2)
+        for moment, state in list(zip(moments, true, strict=True))[15:]:
+            off = moment.state - state
+            of_place.append(off[:3] @ np.linalg.solve(moment.covariance[:3, :3], off[:3]))
+            of_state.append(off @ np.linalg.solve(moment.covariance, off))
+    assert 0.8 < np.mean(of_place) / 3 < most
+    assert 0.7 < np.mean(of_state) / 6 < most
+
+
+@pytest.mark.parametrize("rate_hz", [30, 60, 240])
+@pytest.mark.parametrize("sd_m", [1e-4, 1e-3])
+def test_one_wrong_place_dies_away_and_does_not_ring(rate_hz, sd_m):
+    """5 mm once, at a marker at rest: what the next predictions are off by is soon gone, and where it goes to either
+    side in turn, less than half as much each time."""
+    r = np.eye(3) * sd_m**2
+    track = Track3D(KalmanConfig())
+    track.start(0, np.array([0, 0, 1.0]), r)
+    off = []
+    for k in range(1, 61):
+        track.predict(k * NS_PER_S // rate_hz)
+        if k > 30:
+            off.append(track.now.xyz_cam_m[0])
+        track.update(np.array([0.005 if k == 30 else 0.0, 0, 1.0]), r)
+    off = np.array(off)
+    assert abs(off[0]) > 1e-4  # it does believe it, in part
+    # The first one has the wrong place behind it, the second one the wrong speed that came of it and the way back.
+    for one, two, three in zip(off[1:], off[2:], off[3:], strict=False):
+        if one * two < 0 and two * three < 0:
+            assert abs(three / two) < 0.5
+    assert np.abs(off[12:]).max() < 0.02 * np.abs(off).max()
+
+
 def test_errors_are_as_large_as_the_filter_says():
-    """NEES of the position over 30 runs of white-acceleration motion: 3 on average."""
+    """NEES of the position over 30 runs of an acceleration that is another one at each frame: 3 on average."""
     rng, nees = np.random.default_rng(3), []
     config = KalmanConfig(acceleration_mps2=20.0)
     dt = PERIOD_NS / NS_PER_S
@@ -245,16 +345,18 @@ def test_the_compiled_smoother_equals_filterpys(seed):
     """Also across steps whose prediction was widened, and uneven or repeated stamps."""
     moments = run_with_leaps(seed, KalmanConfig())
     assert max(m.widened for m in moments) > 1.5
-    for ours, theirs in zip(smooth(moments, 60.0), reference.smooth(moments, 60.0), strict=True):
+    both = smooth(moments, KalmanConfig()), reference.smooth(moments, KalmanConfig())
+    for ours, theirs in zip(*both, strict=True):
         np.testing.assert_allclose(ours.state, theirs.state, atol=1e-9)
         np.testing.assert_allclose(ours.covariance, theirs.covariance, rtol=1e-6, atol=1e-12)
 
 
 def test_where_the_filter_is_off_the_smoother_lets_the_marker_stand_still_too():
-    moments = run_with_leaps(0, KalmanConfig(enabled=False))
-    still, moving = smooth(moments, 60.0, moving=False), smooth(moments, 60.0)
+    off = KalmanConfig(enabled=False)
+    moments = run_with_leaps(0, off)
+    still, moving = smooth(moments, off), smooth(moments, KalmanConfig())
     assert not np.allclose(still[5].state, moving[5].state)
-    f = transition(0.004, 60.0, False)[0]
+    f = transition(0.004, off)[0]
     np.testing.assert_array_equal(f, np.eye(6))
 
 
@@ -288,7 +390,7 @@ def errors(moments, truth):
 
 def test_smoothing_lowers_the_error_of_position_and_velocity():
     truth, moments = noisy_run()
-    smoothed = smooth(moments, KalmanConfig().acceleration_mps2)
+    smoothed = smooth(moments, KalmanConfig())
     assert np.sqrt((errors(smoothed, truth) ** 2).mean()) < 0.85 * np.sqrt((errors(moments, truth) ** 2).mean())
     true_velocity = np.gradient(truth, PERIOD_NS / NS_PER_S, axis=0)[5:-5]
     velocity_error = [
@@ -301,13 +403,13 @@ def test_smoothing_lowers_the_error_of_position_and_velocity():
 def test_smoothing_bridges_a_gap_from_both_sides():
     gap = range(100, 112)
     truth, moments = noisy_run(gap=gap)
-    smoothed = smooth(moments, KalmanConfig().acceleration_mps2)
+    smoothed = smooth(moments, KalmanConfig())
     assert errors(smoothed, truth)[list(gap)].mean() < 0.6 * errors(moments, truth)[list(gap)].mean()
 
 
 def test_the_last_smoothed_moment_is_the_filters():
     _, moments = noisy_run()
-    last = smooth(moments, KalmanConfig().acceleration_mps2)[-1]
+    last = smooth(moments, KalmanConfig())[-1]
     np.testing.assert_allclose(last.state, moments[-1].state, atol=1e-12)
     np.testing.assert_allclose(last.covariance, moments[-1].covariance, atol=1e-12)
     assert last.stamp_ns == moments[-1].stamp_ns
@@ -315,7 +417,7 @@ def test_the_last_smoothed_moment_is_the_filters():
 
 def test_smoothing_never_makes_less_sure():
     _, moments = noisy_run()
-    for before, after in zip(moments, smooth(moments, KalmanConfig().acceleration_mps2), strict=True):
+    for before, after in zip(moments, smooth(moments, KalmanConfig()), strict=True):
         assert np.trace(after.covariance[:3, :3]) <= np.trace(before.covariance[:3, :3]) * (1 + 1e-9)
 
 
@@ -325,18 +427,16 @@ def test_smoothing_is_the_least_squares_solution_of_the_whole_stretch():
     stamps = [0, 4 * 10**6, 9 * 10**6, 10**7, 30 * 10**6]
     measured = [np.array([0, 0, 1]) + rng.normal(0, SD_M) for _ in stamps]
     config = KalmanConfig(acceleration_mps2=25.0)
-    smoothed = smooth(run(stamps, measured, config), 25.0)
-    # Q has rank 3 a step, so solve for the start and the accelerations instead of for the states.
+    smoothed = smooth(run(stamps, measured, config), config)
+    # Solve for the start and for what pushes each step, as independent ones of deviation 1.
     n = len(stamps)
-    columns = 6 + 3 * (n - 1)
+    columns = 6 * n
     states, state = [], np.eye(6, columns)
     states.append(state)
     for k in range(1, n):
-        dt = (stamps[k] - stamps[k - 1]) / NS_PER_S
-        f, _ = transition(dt, 25.0)
-        gain = np.concatenate([np.eye(3) * dt * dt / 2, np.eye(3) * dt])
+        f, q = transition((stamps[k] - stamps[k - 1]) / NS_PER_S, config)
         push = np.zeros((6, columns))
-        push[:, 6 + 3 * (k - 1) : 9 + 3 * (k - 1)] = gain
+        push[:, 6 * k : 6 * k + 6] = np.linalg.cholesky(q)
         state = f @ state + push
         states.append(state)
     rows, goal = [], []
@@ -345,7 +445,7 @@ def test_smoothing_is_the_least_squares_solution_of_the_whole_stretch():
         goal.append(z / SD_M)
     rows.append(np.eye(6, columns)[3:] / config.start_speed_mps)  # the speed at the start
     goal.append(np.zeros(3))
-    rows.append(np.eye(columns)[6:] / 25.0)
+    rows.append(np.eye(columns)[6:])
     goal.append(np.zeros(columns - 6))
     solution = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goal), rcond=None)[0]
     for s, moment in zip(states, smoothed, strict=True):
@@ -354,5 +454,5 @@ def test_smoothing_is_the_least_squares_solution_of_the_whole_stretch():
 
 def test_fewer_than_two_moments_are_left_as_they_are():
     moment = Moment(0, np.zeros(6), np.eye(6))
-    assert smooth([], 60.0) == []
-    assert smooth([moment], 60.0) == [moment]
+    assert smooth([], KalmanConfig()) == []
+    assert smooth([moment], KalmanConfig()) == [moment]

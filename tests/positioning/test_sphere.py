@@ -331,6 +331,78 @@ def test_too_few_points_or_a_wild_start_give_no_fit_and_no_error():
     assert fit is None or not np.isfinite(fit.covariance_m2).all() or np.trace(fit.covariance_m2) > 1e-3
 
 
+# -- with a distance known from elsewhere ----------------------------------------------------------
+
+
+@lru_cache(maxsize=8)
+def short_arcs(degrees, known):
+    """Errors in distance and the fits of 40 noisy arcs of so many degrees; `known` by 2 mm at 1 m, or not."""
+    rng, xyz, sd = np.random.default_rng(20), np.array([0.2, -0.1, 0.97]), 0.15 / 1150
+    errors, fits = [], []
+    for turn in range(40):
+        rays = np.roll(outline_rays(xyz, R, 72), -5 * turn, axis=0)[: degrees // 5]
+        known_m = (np.linalg.norm(xyz), 0.002) if known else None
+        fit = fit_sphere(noisy(rays, sd, rng), np.full(len(rays), sd), R, xyz * 1.01, near=True, known_m=known_m)
+        errors.append(np.linalg.norm(fit.xyz_cam_m) - np.linalg.norm(xyz))
+        fits.append(fit)
+    return np.array(errors), fits
+
+
+@pytest.mark.parametrize("degrees", [60, 90, 120])
+def test_a_short_arc_hardly_leaves_the_distance_that_is_known(degrees):
+    free, held = short_arcs(degrees, False)[0], short_arcs(degrees, True)[0]
+    assert np.abs(held).max() < 0.004
+    assert held.std() < 0.25 * free.std()
+
+
+@pytest.mark.parametrize("degrees", [60, 90, 120])
+def test_the_covariance_of_a_short_arc_does_not_know_of_the_distance(degrees):
+    """It is that of the rays: within the spread of the residuals, as large as without, and as the free fits scatter."""
+    (free, alone), (_, held) = short_arcs(degrees, False), short_arcs(degrees, True)
+    along = np.array([0.2, -0.1, 0.97]) / np.linalg.norm([0.2, -0.1, 0.97])
+    sds = [np.median([np.sqrt(along @ f.covariance_m2 @ along) for f in fits]) for fits in (alone, held)]
+    assert sds[1] / sds[0] == pytest.approx(1, abs=0.4)
+    assert sds[1] > 3 * 0.002
+    assert sds[1] > 0.4 * free.std()
+
+
+def test_the_fit_with_a_known_distance_is_the_likeliest_place():
+    """Exact rays of one distance, another one known: the place along the ray is their mean by information."""
+    xyz, sd = np.array([0.2, -0.1, 0.97]), 0.15 / 1150
+    rays, length = outline_rays(xyz, R, 72)[:30], np.linalg.norm(xyz)
+    free = fit_sphere(rays, np.full(30, sd), R, xyz, near=True)
+    own = np.sqrt(xyz @ free.covariance_m2 @ xyz) / length
+    for sd_m in (0.5 * own, own, 3 * own):
+        fit = fit_sphere(rays, np.full(30, sd), R, xyz, near=True, known_m=(length + 0.002, sd_m))
+        share = own**2 / (own**2 + sd_m**2)
+        assert np.linalg.norm(fit.xyz_cam_m) - length == pytest.approx(0.002 * share, rel=0.1)
+
+
+def test_a_distance_that_is_three_deviations_off_hardly_moves_a_whole_outline():
+    rng, xyz, sd = np.random.default_rng(21), np.array([0.2, -0.1, 0.97]), 0.1 / 1150
+    length = np.linalg.norm(xyz)
+    for _ in range(10):
+        rays, sds = noisy(outline_rays(xyz, R, 72), sd, rng), np.full(72, sd)
+        free = fit_sphere(rays, sds, R, xyz, near=True)
+        held = fit_sphere(rays, sds, R, xyz, near=True, known_m=(length * 1.03, 0.01 * length))
+        moved = np.linalg.norm(held.xyz_cam_m) - np.linalg.norm(free.xyz_cam_m)
+        own = np.sqrt(xyz @ free.covariance_m2 @ xyz) / length
+        assert 0 < moved < 0.5 * own
+        assert moved < 0.02 * 0.03 * length
+
+
+@pytest.mark.parametrize("known_m", [(1.03, 0.004), (1.0, 1e-4), (0.9, 0.5)])
+@pytest.mark.parametrize("hold", [None, 0.01])
+def test_the_compiled_fit_with_a_known_distance_equals_the_reference(known_m, hold):
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        xyz, sd = np.array([0.25, -0.12, 1.0]), 0.1 / 1150
+        rays, how = noisy(outline_rays(xyz, R, 72)[:40], sd, rng), {"hold": hold, "near": True, "known_m": known_m}
+        ours, theirs = (f(rays, np.full(40, sd), R, xyz * 1.01, **how) for f in (fit_sphere, reference.fit_sphere))
+        np.testing.assert_allclose(ours.xyz_cam_m, theirs.xyz_cam_m, atol=1e-9)
+        np.testing.assert_allclose(ours.covariance_m2, theirs.covariance_m2, rtol=1e-5, atol=1e-15)
+
+
 # -- the compiled loops against their readable forms -------------------------------------------------
 
 

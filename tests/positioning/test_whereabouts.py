@@ -54,6 +54,7 @@ def test_it_is_expected_where_an_even_motion_brings_it():
     assert found.circle.distance(true) < 0.1
     np.testing.assert_allclose(found.rate_px, [600 / 0.8, 300 / 0.8], rtol=0.02)
     assert found.reach_px == 0.5 * found.circle.r_px  # sure of it
+    assert found.range_m == pytest.approx(np.linalg.norm(where.track.now.xyz_cam_m))
     assert found.range_sd == pytest.approx(np.sqrt(where.track.now.covariance[2, 2]) / 0.8, rel=0.05)
 
 
@@ -117,6 +118,32 @@ def test_it_is_gone_when_the_filter_is_sure_that_its_middle_is_well_outside(out,
     vague = Whereabouts(RADIUS_M, CAMERA, KalmanConfig(), PositionConfig())
     vague.accept(0, claim((x, 0, z), sd_m=4.1 * RADIUS_M), again=True)
     assert not vague.gone(frame_at(0))
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_the_filter_takes_in_what_the_outline_says_by_itself(again):
+    """The likeliest place has the filter's own distance in it, which must not be counted again."""
+    where, same = (moving((0.0, 0.0, 0.8), (0.0, 0.0, 0.0)) for _ in range(2))
+    stamp_ns = where.seen.stamp_ns + STEP_NS
+    alone = np.array([0.001, 0.0, 0.81]), np.diag([1e-3, 1e-3, 5e-3]) ** 2
+    plain = claim(alone[0])
+    likeliest = replace(claim((0.0, 0.0, 0.801)), alone=alone)
+    for track in (where, same):
+        track.track.predict(stamp_ns)
+    surprise = same.track.surprise(*alone)
+    assert surprise != pytest.approx(same.track.surprise(likeliest.xyz_cam_m, likeliest.covariance_m2), rel=0.5)
+    assert where.surprise(likeliest, None)[0] == pytest.approx(surprise)
+    where.accept(stamp_ns, likeliest, again=again)
+    same.accept(stamp_ns, replace(plain, covariance_m2=alone[1]), again=again)
+    np.testing.assert_array_equal(where.track.now.state, same.track.now.state)
+    np.testing.assert_array_equal(where.track.now.covariance, same.track.now.covariance)
+    assert where.circle == likeliest.circle
+
+
+def test_a_claim_without_an_expectation_is_the_outline_alone():
+    found = claim((0.0, 0.0, 0.8))
+    assert found.outline_alone[0] is found.xyz_cam_m
+    assert found.outline_alone[1] is found.covariance_m2
 
 
 # -- lost ------------------------------------------------------------------------------------------

@@ -1,10 +1,10 @@
 """Sub-pixel edge points on a marker's outline, each with its own uncertainty.
 
 Along rays across the expected outline the pixel values are mixtures of marker and background. Mixing is a sum in
-linear light only, so the sRGB curve is undone first. Each ray is projected on the colour difference that tells
-marker from background there whatever the light does, the marker's limb darkening is allowed for, and the edge is
-where the step that the lens and the known motion make (a Gaussian, swept along the blur) explains the profile best by
-least squares, both levels left free.
+linear light only, so the sRGB curve is undone first. Chroma is projected on the difference that tells marker from
+background there whatever the light does, the marker's limb darkening is allowed for, and the edge is where the step
+that the lens and the known motion make (a Gaussian, swept along the blur) explains the profile best by least squares.
+Brightness and chroma are weighed by their own evidence, ray by ray.
 """
 
 import cv2
@@ -21,6 +21,10 @@ FloatArray = npt.NDArray[np.float64]
 _STEP = 0.7  # px between samples on a ray
 _DEEP = 16  # samples between the edge and the deepest place, at most
 _READ_PLAINLY = 0.87  # of chroma's blur is left where every pixel has its own
+_SHARED = 2.5  # samples of chroma at half resolution that share an error
+_STEP_SD = 0.3  # of the step seen, over the step expected
+_CARRIED = 0.2  # share of the shading's variance where it has to be carried on by half the radius
+_TEXTURE = 0.0125  # share of the variance that the background has along the outline that is expected across it
 
 
 def find_edges(
@@ -79,13 +83,14 @@ def find_edges(
     reference = np.sort(colour_in[inside], axis=0)[int(inside.sum()) // 2]
     # What may vary without being an edge: the background's texture and the marker's own shading. A direction that is
     # blind to both (Fisher's discriminant) sees a coloured marker's edge whatever the light does to it.
-    within = 0.25 * _scatter(colour_out[inside]) + 0.2 * _scatter(samples[deep & inside[:, None]])
+    textured, shaded = _scatter(colour_out[inside]), _scatter(samples[deep & inside[:, None]])
+    within = 0.25 * textured + 0.2 * shaded
     difference = reference - colour_out
     direction = np.linalg.solve(within + np.eye(3) * config.balance**2, difference.T).T
+    direction[:, 0] = 1
     if not config.chroma:
         direction[:, 1:] = 0
-    direction /= np.sqrt(np.maximum((direction * direction).sum(axis=1, keepdims=True), 1e-24))
-    profile = np.einsum("nmc,nc->nm", samples, direction)  # (N, M)
+    direction[:, 1:] /= np.sqrt(np.maximum((direction[:, 1:] ** 2).sum(axis=1, keepdims=True), 1e-24))
 
     shift = np.arange(-np.ceil(reach_px / fine), np.ceil(reach_px / fine) + 1) * fine  # (K,)
     near = np.abs(u) <= outer
@@ -100,46 +105,51 @@ def find_edges(
     expected = _profile(
         v, limb, colour_in, colour_out, across, along, r_px, config.blur_sigma_px, chroma_sigma
     )  # (N, V, 3)
-    shape = np.einsum("nvc,nc->nv", expected - expected[:, -1:], direction)
-
-    wanted = np.arange(len(shift))
     # Template for shift k at sample m: abscissa u_m - shift_k.
     index = (
         np.rint((uu[0] - v[0]) / fine).astype(int)
         + np.arange(len(uu))[None, :] * 2
-        - (wanted - (len(shift) // 2))[:, None]
+        - (np.arange(len(shift)) - (len(shift) // 2))[:, None]
     )
     index = np.clip(index, 0, len(v) - 1)
-    data = profile[:, first : first + len(uu)]
-    data = data - data.mean(axis=1, keepdims=True)
-    template = shape[:, index]  # (N, K, m)
-    template = template - template.mean(axis=2, keepdims=True)
-    power = np.maximum(np.einsum("nkm,nkm->nk", template, template), 1e-12)
-    like = np.einsum("nkm,nm->nk", template, data)
-    rise = like / power  # step seen over step expected
-    sse = (data * data).sum(axis=1)[:, None] - like * rise
-    sse = np.where(rise > 0.2, np.maximum(sse, 0), np.inf)
-    best = sse.argmin(axis=1)
+    cost, power, seen, left_over = 0, 0, 0, 0
+    for part, shared in ((slice(0, 1), 1), (slice(1, 3), _SHARED if frame.planes.grid[0] > 1 else 1)):
+        along_it = direction[:, part]
+        data = np.einsum("nmc,nc->nm", samples[:, first : first + len(uu), part], along_it)
+        data = data - data.mean(axis=1, keepdims=True)
+        template = np.einsum("nvc,nc->nv", (expected - expected[:, -1:])[..., part], along_it)[:, index]  # (N, K, m)
+        template = template - template.mean(axis=2, keepdims=True)
+        squares = np.maximum(np.einsum("nkm,nkm->nk", template, template), 1e-9)
+        rise = np.einsum("nkm,nm->nk", template, data) / squares  # step seen over step expected
+        whole = (data * data).sum(axis=1)
+        sse = np.maximum(whole[:, None] - squares * rise**2, 0)
+        own = sse.min(axis=1) / max(1, len(uu) - 3)
+        variance = np.maximum((own + np.sort(own)[count // 2]) / 2, config.noise**2)
+        texture, shading = (np.einsum("nc,cd,nd->n", along_it, s[part, part], along_it) for s in (textured, shaded))
+        variance = variance + _TEXTURE * texture + _CARRIED * (2 * depth[:, 0] / r_px) ** 2 * shading
+        # The posterior of the step's height, about 1: its squares and what is left of them.
+        held = (variance / _STEP_SD**2)[:, None]
+        height = np.maximum((rise * squares + held) / (squares + held), 0)
+        cost = cost + (sse + squares * held / (squares + held) * (rise - 1) ** 2) / variance[:, None] / shared
+        power = power + height**2 * squares / variance[:, None] / shared
+        seen, left_over = seen + whole / variance, left_over + sse.min(axis=1) / variance
+    best = cost.argmin(axis=1)
     rows = np.arange(count)
-    interior = (best > 0) & (best < len(shift) - 1) & inside & np.isfinite(sse[rows, best])
+    interior = (best > 0) & (best < len(shift) - 1) & inside
     k = np.clip(best, 1, len(shift) - 2)
-    left, mid, right = sse[rows, k - 1], sse[rows, k], sse[rows, k + 1]
-    with np.errstate(invalid="ignore"):
-        bend = left - 2 * mid + right
-        interior &= np.isfinite(bend) & (bend > 0)
-        offset = shift[k] + np.where(interior, 0.5 * (left - right) / np.where(bend > 0, bend, 1) * fine, 0)
-        noise2 = np.maximum(mid / max(1, len(uu) - 3), config.noise**2)
-        # Half the second derivative of the SSE is the Fisher information times the noise variance.
-        sd = np.sqrt(noise2 / np.maximum(bend / fine**2 / 2, 1e-12))
-    contrast = rise[rows, k] * np.sqrt(power[rows, k] / noise2)
-    keep = interior & (contrast > config.least_contrast) & np.isfinite(sd) & (sd < 2.0)
+    left, mid, right = cost[rows, k - 1], cost[rows, k], cost[rows, k + 1]
+    bend = left - 2 * mid + right
+    interior &= bend > 0
+    bend = np.where(interior, bend, 1)
+    offset = shift[k] + np.where(interior, 0.5 * (left - right) / bend * fine, 0)
+    sd = fine * np.sqrt(2 / bend)  # half the second derivative is the Fisher information
+    keep = interior & (np.sqrt(power[rows, k]) > config.least_contrast) & (sd < 2.0)
     if limits is not None:
         keep &= _marker_coloured(frame, outline_px + normal * (offset - 1.5 - half_blur - sigma)[:, None], limits)
     if keep.sum() < 6:
         return None
     points = outline_px + normal * offset[:, None]
-    total = float((data[keep] ** 2).sum())
-    explained = 1 - float(mid[keep].sum()) / max(total, 1e-12)
+    explained = 1 - float(left_over[keep].sum()) / max(float(seen[keep].sum()), 1e-12)
     return EdgePoints(
         points[keep],
         np.maximum(sd[keep], 0.02),

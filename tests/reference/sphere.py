@@ -149,6 +149,7 @@ def fit_sphere(
     imperfection: float = 0.03,
     hold: float | None = None,
     near: bool = False,
+    known_m: tuple[float, float] | None = None,
 ) -> SphereFit | None:
     """The sphere whose tangent cone runs through the edge rays (N, 3), robustly; None when it does not converge.
 
@@ -160,15 +161,15 @@ def fit_sphere(
 
     `hold` keeps the distance near that of `start_m`, with this relative deviation, while the weights settle: the
     straight edge of an occluder then loses its say instead of shrinking the circle. The last rounds are free of it.
-    `near` says
-    that the start is close and no other cone needs to be looked for.
+    `near` says that the start is close and no other cone needs to be looked for. `known_m` is a distance known from
+    elsewhere and its deviation; the covariance stays that of the rays.
     """
     centre = start_m.astype(np.float64) if near else _best_start(rays, sd_rad, radius_m, start_m, hold)
     weights = np.ones(len(rays))
     fall = (3.0 / max(loose, 3.0)) ** (1 / max(1, rounds - 3))
     scales = [*(max(loose, 3.0) * fall**k for k in range(rounds - 2)), 3.0, 3.0]
     information, sd = np.zeros((3, 3)), sd_rad
-    held_m = math.sqrt(float(start_m @ start_m))
+    held_m = math.sqrt(float(start_m @ start_m)) if known_m is None else known_m[0]
     for number, scale in enumerate(scales):
         residual, jacobian = _cone_residual(rays, centre, radius_m)
         length = math.sqrt(float(centre @ centre))
@@ -179,12 +180,16 @@ def fit_sphere(
         weighted = jacobian * weights[:, None]
         information = weighted.T @ jacobian
         gradient = weighted.T @ residual
+        together = information
+        deviation_m = None if known_m is None else known_m[1]
         if hold is not None and number < rounds - 2:
-            axis, deviation_m = centre / length, hold * held_m
-            information = information + np.outer(axis, axis) / deviation_m**2
+            deviation_m = hold * held_m
+        if deviation_m is not None:
+            axis = centre / length
+            together = information + np.outer(axis, axis) / deviation_m**2
             gradient = gradient + axis * ((length - held_m) / deviation_m**2)
         try:
-            step = np.linalg.solve(information, gradient)
+            step = np.linalg.solve(together, gradient)
         except np.linalg.LinAlgError:
             return None
         step *= min(1.0, 0.3 * length / max(1e-12, math.sqrt(float(step @ step))))

@@ -37,7 +37,9 @@ class Measured:
     `visible` is the share of the outline that shows an edge, `edge_weights` (N,) and `edges_outside_px` (N,) what the
     fit made of the edge points: weight in [0, 1], and how far outside the fitted outline. `motion` is the blur and lean
     with which the edges were found. `proposer` names the stage whose circle it was. `in_picture` is the share of the
-    outline that lies inside the picture at all.
+    outline that lies inside the picture at all. Of a marker that is followed, the place is the likeliest given outline
+    and expected distance, which matters where little of the outline is seen; `alone` is then what the outline says by
+    itself.
     """
 
     circle: Circle
@@ -51,17 +53,25 @@ class Measured:
     edges_outside_px: FloatArray
     motion: Motion
     in_picture: float = 1.0
+    alone: tuple[FloatArray, FloatArray] | None = None
+
+    @property
+    def outline_alone(self) -> tuple[FloatArray, FloatArray]:
+        """Place (3,) and covariance (3, 3) that the outline has by itself: what the Kalman filter, who made the
+        expectation, may take in."""
+        return self.alone or (self.xyz_cam_m, self.covariance_m2)
 
 
 @dataclass(frozen=True, slots=True)
 class Expected:
     """What the Kalman filter expects of a frame: the `circle` in the picture, as seen; its standard deviation in
-    pixels, the larger of x and y; that of the distance, relative; its velocity (2,) in px/s; the time since the frame
-    before; what lens and shutter make of it, and whether the exposure time behind that was given; and how far from the
-    circle the marker is looked for."""
+    pixels, the larger of x and y; the distance in metres and its standard deviation, relative; its velocity (2,) in
+    px/s; the time since the frame before; what lens and shutter make of it, and whether the exposure time behind that
+    was given; and how far from the circle the marker is looked for."""
 
     circle: Circle
     spread_px: float
+    range_m: float
     range_sd: float
     rate_px: FloatArray
     interval_s: float

@@ -77,6 +77,16 @@ class ColourBox:
 LIMITS = array(F8, 1)
 
 
+def loosened(limits: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Limits (6,) for a single place near the outline, where blur, shade and glare change a colour more than inside.
+
+    Hue may be half as far again off, saturation and value may fall to about half, and neither has an upper limit. Hue
+    is what keeps skin out: twice as far lets fingers pass for a yellow ball.
+    """
+    hue, hue_half, saturation, _, value, _ = limits
+    return np.array([hue, 1.5 * hue_half, 0.6 * saturation, math.inf, 0.5 * value, math.inf])
+
+
 @inner
 def in_box(limits, hue, saturation, value):
     """Whether a colour (hue 0..180, saturation and value 0..255, as of `hsv_of`) lies within `ColourBox.limits`."""

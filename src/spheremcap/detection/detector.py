@@ -46,7 +46,9 @@ class Detector:
         limits, claim = self._limits(patch, expected.circle, appearance), None
         if expected.spread_px < max(2.0, 0.15 * expected.circle.r_px):
             close = close_px(expected.circle)
-            claim = self.outline.sharpened(frame, expected.circle, "prediction", close, expected.motion, limits)
+            claim = self.outline.sharpened(
+                frame, expected.circle, "prediction", close, expected.motion, limits, expected
+            )
         return Detected((("prediction", expected.circle),), (), limits, claim)
 
     def detect(
@@ -70,7 +72,7 @@ class Detector:
         proposals += (("hough", hough[0]),) if hough else ()
         claim = close.claim if agree else None
         if claim is None or claim.visible < 0.6:
-            claim = self.outline.longest(frame, proposals, motion, limits)
+            claim = self.outline.longest(frame, proposals, motion, limits, expected)
         if not expected.exposure_known and (claim is None or claim.visible <= 0.5):
             claim = self._at_other_exposures(frame, expected, proposals, limits, claim)
         return Detected(proposals, hough, limits, claim)
@@ -96,7 +98,7 @@ class Detector:
             return claim
         for share in EXPOSURES:
             motion = replace(expected.motion, blur_px=bounded_blur(way_px * share, expected.circle))
-            other = self.outline.longest(frame, proposals, motion, limits)
+            other = self.outline.longest(frame, proposals, motion, limits, expected)
             if clearness(other) > clearness(claim) + 0.02:
                 claim = other
         return claim
@@ -113,4 +115,4 @@ class Detector:
         limits = self._limits(patch, candidate, appearance)
         proposals: Proposals = (("acquire", candidate.resized(last.r_px)), ("colour", candidate))
         motion = replace(AT_REST, softness=softness)
-        return Detected(proposals, (), limits, self.outline.longest(frame, proposals, motion, limits))
+        return Detected(proposals, (), limits, self.outline.longest(frame, proposals, motion, limits, None))

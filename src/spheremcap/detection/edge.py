@@ -1,10 +1,11 @@
 """Sub-pixel edge points on a marker's outline, each with its own uncertainty.
 
 Along rays across the expected outline the pixel values are mixtures of marker and background. Mixing is a sum in
-linear light only, so the sRGB curve is undone first. Each ray is projected on the colour difference that tells
-marker from background there whatever the light does, the marker's limb darkening is allowed for, and the edge is
-where the step that the lens and the known motion make (a Gaussian, swept along the blur) explains the profile best by
-least squares, both levels left free.
+linear light only, so the sRGB curve is undone first. Chroma is projected on the difference that tells marker from
+background there whatever the light does, the marker's limb darkening is allowed for, and the edge is where the step
+that the lens and the known motion make (a Gaussian, swept along the blur) explains the profile best by least squares.
+Brightness and chroma are weighed by their own evidence, ray by ray: chroma is blurred by its half resolution, and
+brightness varies with the light.
 """
 
 import math
@@ -44,7 +45,10 @@ class EdgeConfig(StageConfig):
 
 _STEP = 0.7  # px between samples on a ray near the edge
 _DEEP = 16  # samples between the edge and the deepest place, at most
-_NO_STEP = 1e30  # stands for the residuals where no step is seen
+_SHARED = 2.5  # neighbouring samples of chroma at half resolution that share an error
+_STEP_SD = 0.3  # standard deviation of the step that is seen, over the step between the levels on either side
+_CARRIED = 0.2  # and of that of the shading, where it has to be carried on by half the radius
+_TEXTURE = 0.0125  # share of the variance that the background has along the outline that is expected across it
 _READ_PLAINLY = 0.87  # of chroma's blur is left where every pixel has its own and no spline is needed
 _NO_LIMITS = np.empty(0)
 
@@ -146,8 +150,10 @@ def edges_into(
         beyond[n] = clear + 0.5 * reach_px - 0.5
     colour_in, colour_out = np.zeros((3, count), np.float32), np.zeros((3, count), np.float32)
     _levels(samples, place, depth, beyond, r_px, colour_in, colour_out)
-    direction = np.empty((3, count), np.float32)
-    _directions(samples, place, depth, r_px, inside, colour_in, colour_out, params[2], params[5] > 0.0, direction)
+    direction, varies = np.empty((3, count), np.float32), np.empty((2, count), np.float32)
+    _directions(
+        samples, place, depth, r_px, inside, colour_in, colour_out, params[2], params[5] > 0.0, direction, varies
+    )
 
     fine = step / 2.0
     half = int(math.ceil(reach_px / fine))
@@ -158,59 +164,31 @@ def edges_into(
     if params[4] > 0.0 and not coarse:
         _set_limb(samples[0], place, r_px, depth, inside, v_first, fine, limb)
     chroma_sigma = params[0] if grid[0] > 1.0 else _READ_PLAINLY * params[0]
-    shape = np.empty((length, count), np.float32)
-    _set_shape(v_first, fine, limb, colour_in, colour_out, direction, across, along, r_px, sigma, chroma_sigma, shape)
+    shapes = np.empty((2, length, count), np.float32)
+    _set_shapes(v_first, fine, limb, colour_in, colour_out, direction, across, along, r_px, sigma, chroma_sigma, shapes)
 
-    # Least squares of the step, at each shift, against what is seen; both levels are free.
-    data, mean = np.zeros((near, count), np.float32), np.zeros(count, np.float32)
-    total = np.zeros(count, np.float32)
-    for m in range(near):
-        for c in range(3):
-            seen, along_it = samples[c, deep_steps + m], direction[c]
-            for n in range(count):
-                data[m, n] += seen[n] * along_it[n]
-        for n in range(count):
-            mean[n] += data[m, n]
-    for m in range(near):
-        for n in range(count):
-            data[m, n] -= mean[n] / np.float32(near)
-            total[n] += data[m, n] * data[m, n]
-    sse, rise = np.empty((shifts, count), np.float32), np.empty((shifts, count), np.float32)
-    power = np.empty((shifts, count), np.float32)
-    like, squares, plain = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
-    for k in range(shifts):
-        like[:] = 0.0
-        squares[:] = 0.0
-        plain[:] = 0.0
-        for m in range(near):
-            template, profile = shape[shifts - 1 - k + 2 * m], data[m]
-            for n in range(count):
-                like[n] += template[n] * profile[n]
-                squares[n] += template[n] * template[n]
-                plain[n] += template[n]
-        for n in range(count):
-            power[k, n] = max(squares[n] - plain[n] * plain[n] / np.float32(near), np.float32(1e-9))
-            rise[k, n] = like[n] / power[k, n]  # step seen over step expected
-            left_over = max(total[n] - like[n] * rise[k, n], np.float32(0.0))
-            sse[k, n] = left_over if rise[k, n] > np.float32(0.2) else np.float32(_NO_STEP)
+    cost, power = np.zeros((shifts, count), np.float32), np.zeros((shifts, count), np.float32)
+    seen, left_over = np.zeros(count, np.float32), np.zeros(count, np.float32)
+    window = samples[:, deep_steps : deep_steps + near]
+    shared = _SHARED if grid[0] > 1.0 else 1.0
+    _match(window[:1], direction[:1], shapes[0], varies[0], params[1], 1.0, cost, power, seen, left_over)
+    _match(window[1:], direction[1:], shapes[1], varies[1], params[1], shared, cost, power, seen, left_over)
 
     found, seen_power, left_power = 0, 0.0, 0.0
     for n in range(count):
         best = 0
         for k in range(1, shifts):
-            if sse[k, n] < sse[best, n]:
+            if cost[k, n] < cost[best, n]:
                 best = k
         if inside[n] == 0.0 or best == 0 or best == shifts - 1:
             continue
-        left, mid, right = float(sse[best - 1, n]), float(sse[best, n]), float(sse[best + 1, n])
+        left, mid, right = float(cost[best - 1, n]), float(cost[best, n]), float(cost[best + 1, n])
         bend = left - 2.0 * mid + right
-        if not 0.0 < bend < 0.5 * _NO_STEP:
+        if not bend > 0.0:
             continue
         moved = (best - half) * fine + 0.5 * (left - right) / bend * fine
-        noise2 = max(mid / max(1, near - 3), params[1] * params[1])
-        # Half the second derivative of the SSE is the Fisher information times the noise variance.
-        deviation = math.sqrt(noise2 / max(bend / (fine * fine) / 2.0, 1e-12))
-        if not (rise[best, n] * math.sqrt(power[best, n] / noise2) > params[3] and deviation < 2.0):
+        deviation = fine * math.sqrt(2.0 / bend)  # half the second derivative is the Fisher information
+        if not (math.sqrt(power[best, n]) > params[3] and deviation < 2.0):
             continue
         if len(limits) > 0:
             back = moved - 1.5 - abs(across[n]) / 2.0 - soft
@@ -221,8 +199,8 @@ def edges_into(
         points[found, 0] = outline[n, 0] + moved * normal[n, 0]
         points[found, 1] = outline[n, 1] + moved * normal[n, 1]
         sd[found], ray[found], offset[found] = max(deviation, 0.02), n, moved
-        seen_power += total[n]
-        left_power += mid
+        seen_power += seen[n]
+        left_power += left_over[n]
         found += 1
     if found < 6:
         return 0, in_picture, 0.0
@@ -237,6 +215,63 @@ _BGR_TO_YCC = np.array(
     ]
 )
 _YCC_TO_BGR = np.linalg.inv(_BGR_TO_YCC)
+
+
+@inner
+def _match(window, direction, shape, varies, noise, shared, cost, power, seen, left_over):
+    """Adds, for each ray, what a part of the colour says of where the edge is: brightness (1, M, N) or chroma (2, M, N)
+    along a direction (1 or 2, N), against the step `shape` (V, N).
+
+    `cost` (K, N) grows by the squares that are left at each shift, over their variance; the level is free, the step is
+    about as large as expected. `power` grows by the square of the step over the same, `seen` and `left_over` (N,) by
+    the squares before and after.
+    """
+    shifts, count = cost.shape
+    parts, places = window.shape[:2]
+    data, mean = np.zeros((places, count), np.float32), np.zeros(count, np.float32)
+    whole, least = np.zeros(count, np.float32), np.full(count, np.float32(np.inf))
+    for m in range(places):
+        for c in range(parts):
+            for n in range(count):
+                data[m, n] += window[c, m, n] * direction[c, n]
+        for n in range(count):
+            mean[n] += data[m, n]
+    for m in range(places):
+        for n in range(count):
+            data[m, n] -= mean[n] / np.float32(places)
+            whole[n] += data[m, n] * data[m, n]
+    like, squares, plain = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+    sse, rise = np.empty((shifts, count), np.float32), np.empty((shifts, count), np.float32)
+    expected = np.empty((shifts, count), np.float32)
+    for k in range(shifts):
+        like[:] = 0.0
+        squares[:] = 0.0
+        plain[:] = 0.0
+        for m in range(places):
+            template, profile = shape[shifts - 1 - k + 2 * m], data[m]
+            for n in range(count):
+                like[n] += template[n] * profile[n]
+                squares[n] += template[n] * template[n]
+                plain[n] += template[n]
+        for n in range(count):
+            expected[k, n] = max(squares[n] - plain[n] * plain[n] / np.float32(places), np.float32(1e-9))
+            rise[k, n] = like[n] / expected[k, n]  # step seen over step expected
+            sse[k, n] = max(whole[n] - like[n] * rise[k, n], np.float32(0.0))
+            least[n] = min(least[n], sse[k, n])
+    free = np.float32(max(1, places - 3))
+    usual = middle(least.copy(), count) / free
+    for n in range(count):
+        variance = max(np.float32(0.5) * (least[n] / free + usual), np.float32(noise * noise))
+        variance += varies[n]
+        seen[n] += whole[n] / variance
+        left_over[n] += least[n] / variance
+        held = variance / np.float32(_STEP_SD * _STEP_SD)
+        for k in range(shifts):
+            both = expected[k, n] + held
+            off = rise[k, n] - np.float32(1.0)
+            step = max((rise[k, n] * expected[k, n] + held) / both, np.float32(0.0))
+            cost[k, n] += (sse[k, n] + expected[k, n] * held / both * off * off) / (variance * np.float32(shared))
+            power[k, n] += step * step * expected[k, n] / (variance * np.float32(shared))
 
 
 @inner
@@ -296,14 +331,16 @@ def _deep(place, depth, r_px):
 
 
 @inner
-def _directions(samples, place, depth, r_px, inside, colour_in, colour_out, balance, chroma, direction):
-    """For each ray the colour direction (3, N) that tells marker from background.
+def _directions(samples, place, depth, r_px, inside, colour_in, colour_out, balance, chroma, direction, varies):
+    """For each ray brightness as it is, and the chroma direction that tells marker from background (3, N); and the
+    variances (2, N) that brightness and chroma have along them beside the edge.
 
     What may vary without being an edge is the background's texture and the marker's own shading. A direction that is
     blind to both (Fisher's discriminant) sees a coloured marker's edge whatever the light does to it.
     """
     places, count = samples.shape[1:]
     within, inverse, reference = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    textured, shaded = np.empty((3, 3)), np.empty((3, 3))
     weight, column = np.empty((places, count), np.float32), np.empty(count, np.float32)
     rays, on_marker = 0.0, 0.0
     for n in range(count):
@@ -331,7 +368,10 @@ def _directions(samples, place, depth, r_px, inside, colour_in, colour_out, bala
                 for n in range(count):
                     part += weight[k, n] * (samples[a, k, n] - mean_a) * (samples[b, k, n] - mean_b)
                 shading += part
-            within[a, b] = within[b, a] = 0.25 * texture / rays + 0.2 * shading / max(on_marker, 1.0)
+            texture, shading = texture / rays, shading / max(on_marker, 1.0)
+            within[a, b] = within[b, a] = 0.25 * texture + 0.2 * shading
+            textured[a, b] = textured[b, a] = texture
+            shaded[a, b] = shaded[b, a] = shading
         within[a, a] += balance * balance
         some = 0
         for n in range(count):
@@ -346,11 +386,17 @@ def _directions(samples, place, depth, r_px, inside, colour_in, colour_out, bala
             reference[1] - colour_out[1, n],
             reference[2] - colour_out[2, n],
         )
-        d0 = inverse[0, 0] * off0 + inverse[0, 1] * off1 + inverse[0, 2] * off2
         d1 = inverse[1, 0] * off0 + inverse[1, 1] * off1 + inverse[1, 2] * off2 if chroma else 0.0
         d2 = inverse[2, 0] * off0 + inverse[2, 1] * off1 + inverse[2, 2] * off2 if chroma else 0.0
-        length = math.sqrt(max(d0 * d0 + d1 * d1 + d2 * d2, 1e-24))
-        direction[0, n], direction[1, n], direction[2, n] = d0 / length, d1 / length, d2 / length
+        length = math.sqrt(max(d1 * d1 + d2 * d2, 1e-24))
+        d1, d2 = d1 / length, d2 / length
+        direction[0, n], direction[1, n], direction[2, n] = 1.0, d1, d2
+        # Shading is carried on from `depth` to the limb; it was seen to vary over about half the radius.
+        carried = _CARRIED * (2.0 * depth[n] / r_px) ** 2
+        varies[0, n] = _TEXTURE * textured[0, 0] + carried * shaded[0, 0]
+        varies[1, n] = _TEXTURE * (
+            textured[1, 1] * d1 * d1 + 2.0 * textured[1, 2] * d1 * d2 + textured[2, 2] * d2 * d2
+        ) + carried * (shaded[1, 1] * d1 * d1 + 2.0 * shaded[1, 2] * d1 * d2 + shaded[2, 2] * d2 * d2)
 
 
 @inner
@@ -436,8 +482,11 @@ def _towards(place, r_px):
 
 
 @inner
-def _set_shape(v_first, fine, limb, colour_in, colour_out, direction, across, along, r_px, sigma, chroma_sigma, shape):
-    """What video shows along each ray (V, N) of an edge at 0, marker on the negative side, seen along `direction`.
+def _set_shapes(
+    v_first, fine, limb, colour_in, colour_out, direction, across, along, r_px, sigma, chroma_sigma, shapes
+):
+    """What video shows along each ray of an edge at 0, marker on the negative side, in brightness and in chroma along
+    `direction`: (2, V, N), 0 on the far side.
 
     Light mixes linearly under the lens blur and the motion, then the camera's curve is applied, then chroma is blurred
     once more by its half resolution. Mixing coded values instead would shift the edge towards the darker side.
@@ -479,14 +528,14 @@ def _set_shape(v_first, fine, limb, colour_in, colour_out, direction, across, al
     level = np.empty(count, np.uint32)
     for k in range(length):
         for n in range(count):
-            shape[k, n] = chroma[k, n] = 0.0
+            shapes[0, k, n] = chroma[k, n] = 0.0
         for c in range(3):
             for n in range(count):
                 mixed = light[k, n] * linear_in[c, n] + (np.float32(1.0) - dark[k, n]) * linear_out[c, n]
                 level[n] = np.uint32(math.sqrt(min(max(mixed, np.float32(0.0)), np.float32(1.0))) * _SCALE + _HALF)
             for n in range(count):
                 code = _TO_CODE[level[n]]
-                shape[k, n] += of_luma[c, n] * code
+                shapes[0, k, n] += of_luma[c, n] * code
                 chroma[k, n] += of_chroma[c, n] * code
     _blur(chroma, _taps(chroma_sigma / fine), row)
     # 1.5: on small discs chroma comes further in than a Gaussian alone would bring it (its samples are means of boxes).
@@ -494,10 +543,11 @@ def _set_shape(v_first, fine, limb, colour_in, colour_out, direction, across, al
     for k in range(length):
         following = min(k + 1, length - 1)
         for n in range(count):
-            shape[k, n] += row[k, n] + part * (row[following, n] - row[k, n])
-    for k in range(length):
-        for n in range(count):
-            shape[k, n] -= shape[length - 1, n]
+            shapes[1, k, n] = row[k, n] + part * (row[following, n] - row[k, n])
+    for c in range(2):
+        for k in range(length):
+            for n in range(count):
+                shapes[c, k, n] -= shapes[c, length - 1, n]
 
 
 @inner

@@ -10,12 +10,13 @@ import numpy.typing as npt
 
 from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
-from spheremcap.core.compiled import F8, I8, PLANE, array, inner, kernel
+from spheremcap.core.compiled import F8, I8, PLANE, array, finite, inner, kernel
 from spheremcap.core.frame import Frame
 from spheremcap.core.lens import normal_of
-from spheremcap.core.look import EdgePoints, Measured
+from spheremcap.core.look import EdgePoints, Expected, Measured
 from spheremcap.core.optics import AT_REST, Motion
 from spheremcap.core.sampling import GRID
+from spheremcap.detection.colour import loosened
 from spheremcap.detection.edge import EdgeConfig, edge_params, edges_into
 from spheremcap.positioning.sphere import (
     FIT_ROUNDS,
@@ -36,6 +37,8 @@ _HOLD = {"seed": 0.03, "acquire": 0.1, "colour": 0.1}  # relative deviation of t
 _HOLD_CLOSE = 0.01  # that of the others'
 _LOOKS = 3  # a coarse one and two fine ones
 _PART_HIDDEN = 0.1  # relative deviation of the radius, a share of the outline that is not seen
+_WHOLE_SD = 0.005  # relative deviation of the radius of an outline that is seen as a whole
+_RANGE_SD = 0.01  # the filter's distance is no surer than this, relative
 _SIZE_CHANGE = 0.1  # of the radius from one frame to the next: as much is usual
 _SIZE_LEAP = 1.5  # most that a claim's size may differ from the first proposal's, either way
 _SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated
@@ -72,7 +75,12 @@ class Outline:
         return best
 
     def longest(
-        self, frame: Frame, proposals: Sequence[tuple[str, Circle]], motion: Motion, limits: FloatArray | None
+        self,
+        frame: Frame,
+        proposals: Sequence[tuple[str, Circle]],
+        motion: Motion,
+        limits: FloatArray | None,
+        expected: Expected | None,
     ) -> Measured | None:
         """The proposal whose neighbourhood shows the most outline, sharpened; proposals alike are tried once."""
         best: Measured | None = None
@@ -83,13 +91,16 @@ class Outline:
             if any(circle.dice(other) > 0.85 for other in tried):
                 continue
             tried.append(circle)
-            measured = self.sharpened(frame, circle, name, 0.2 * circle.r_px + 1, motion, limits)
+            measured = self.sharpened(frame, circle, name, 0.2 * circle.r_px + 1, motion, limits, expected)
             if measured is None or not 1 / _SIZE_LEAP < measured.circle.r_px / usual_r_px < _SIZE_LEAP:
                 continue
             # The longest outline, not the largest share: a circle on a part of the marker shows more, of less. And
-            # not much larger or smaller than expected: what covers a marker has an outline too.
-            leap = math.log(measured.circle.r_px / usual_r_px) / _SIZE_CHANGE
-            arc_px = measured.visible * min(measured.circle.r_px, usual_r_px) / (1 + leap * leap)
+            # not one that by itself is much larger or smaller than expected, or far from there: what covers a marker
+            # has an outline too.
+            r_px, r_sd = _size_alone(measured)
+            leap = math.log(r_px / usual_r_px) / math.hypot(_SIZE_CHANGE, r_sd)
+            off = 0.0 if expected is None else measured.circle.distance(expected.circle) / expected.reach_px
+            arc_px = measured.visible * min(measured.circle.r_px, usual_r_px) / (1 + leap * leap + off * off)
             if best is None or arc_px > best_arc_px:
                 best, best_arc_px = measured, arc_px
             if best_arc_px > 0.75 * usual_r_px:
@@ -104,13 +115,15 @@ class Outline:
         reach_px: float,
         motion: Motion,
         limits: FloatArray | None,
+        expected: Expected | None = None,
     ) -> Measured | None:
         """Edges around a circle and the sphere through them: a coarse look up to `reach_px` away, unless that is close,
         then fine ones close by until the circle rests. None when there is no outline. `limits` are the marker's
-        colours (`ColourBox.limits`), or None for any."""
+        colours (`ColourBox.limits`), or None for any. Of a marker that is followed, the distance that is `expected` is
+        held as far as the outline leaves it open."""
         hold = _HOLD.get(proposer, _HOLD_CLOSE)
-        found, circle_out, sd, xyz, covariance, edges, seen = self._looks(
-            _LOOKS, frame, circle, reach_px, motion, limits, hold
+        found, circle_out, sd, xyz, covariance, alone, alone_covariance, edges, seen = self._looks(
+            _LOOKS, frame, circle, reach_px, motion, limits, hold, expected
         )
         if found == 0:
             return None
@@ -118,7 +131,7 @@ class Outline:
         return Measured(
             Circle(*circle_out), sd, xyz, covariance, seen[0], proposer,
             EdgePoints(points, rest[2], rest[3].astype(np.intp), rest[4], int(seen[1]), seen[2]),
-            rest[5], rest[6], motion, seen[1] / self._edge.rays,
+            rest[5], rest[6], motion, seen[1] / self._edge.rays, (alone, alone_covariance),
         )  # fmt: skip
 
     def explained(self, frame: Frame, claim: Measured, motions: Sequence[Motion]) -> FloatArray:
@@ -136,12 +149,22 @@ class Outline:
         motion: Motion,
         limits: FloatArray | None,
         hold: float,
+        expected: Expected | None = None,
     ) -> Any:
+        known = (0.0, math.inf) if expected is None else (expected.range_m, math.hypot(expected.range_sd, _RANGE_SD))
         return _sharpened(
             looks, *frame.planes, self._camera.params, self._params, self._unsure, self._radius_m,
-            self._edge.blur_sigma_px * motion.softness, self._edge.rays, _NO_LIMITS if limits is None else limits,
-            *circle, reach_px, close_px(circle), hold, *motion.blur_px, *motion.lean, motion.stretch_sd,
+            self._edge.blur_sigma_px * motion.softness, self._edge.rays,
+            _NO_LIMITS if limits is None else loosened(limits),
+            *circle, reach_px, close_px(circle), hold, *known, *motion.blur_px, *motion.lean, motion.stretch_sd,
         )  # fmt: skip
+
+
+def _size_alone(measured: Measured) -> tuple[float, float]:
+    """The radius that a claim's outline has by itself, pixels, and its relative deviation: large where it is near."""
+    (place, covariance), square = measured.outline_alone, float(measured.xyz_cam_m @ measured.xyz_cam_m)
+    alone = float(place @ place)
+    return measured.circle.r_px * math.sqrt(square / alone), math.sqrt(float(place @ covariance @ place)) / alone
 
 
 def close_px(circle: Circle) -> float:
@@ -161,6 +184,27 @@ def _lean(points, lean_x, lean_y, row):
         late = (points[k, 1] - row) / (1.0 - lean_y)
         points[k, 0] += lean_x * late
         points[k, 1] += lean_y * late
+
+
+@inner
+def _shared(length_px, rays, r_px):
+    """How many rays share an error: neighbours see the same pixels, so that on a small marker many tell no more than a
+    few."""
+    return max(1.0, length_px * rays / (2.0 * math.pi * r_px))
+
+
+@inner
+def _condition(covariance, axis, sd):
+    """The covariance (3, 3) given a value along an axis (3,) with this standard deviation, in place."""
+    across = np.zeros(3)
+    variance = sd * sd
+    for i in range(3):
+        for j in range(3):
+            across[i] += covariance[i, j] * axis[j]
+        variance += axis[i] * across[i]
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] -= across[i] * across[j] / variance
 
 
 @inner
@@ -189,19 +233,20 @@ def _circle_sd(camera, x, y, z, r_px, covariance):
 
 @kernel(
     None, I8, PLANE, PLANE, PLANE, GRID, _F1, _F1, _F1, F8, F8, I8, _F1,
-    F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8,
+    F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8,
 )  # fmt: skip
 def _sharpened(
     looks, y, u, v, grid, camera, params, unsure, radius_m, sigma, rays, limits,
-    x_px, y_px, r_px, reach_px, close, hold, blur_x, blur_y, lean_x, lean_y, stretch_sd,
+    x_px, y_px, r_px, reach_px, close, hold, known_m, known_sd, blur_x, blur_y, lean_x, lean_y, stretch_sd,
 ):  # fmt: skip
     """`Outline.sharpened` in at most so many looks: the number of edge points (0 for none), circle, its deviations,
-    centre, covariance; edges (rays, 7): x, y, sd, ray, offset, weight, outside, in pixels; share seen, rays inside the
-    picture, explained."""
+    centre and covariance, both again by the outline alone; edges (rays, 7): x, y, sd, ray, offset, weight, outside, in
+    pixels; share seen, rays inside the picture, explained."""
     points, sd, ray, offset = np.empty((rays, 2)), np.empty(rays), np.empty(rays), np.empty(rays)
     directions, weights, outside = np.empty((rays, 3)), np.empty(rays), np.empty(rays)
-    edges, covariance, centre, start = np.zeros((rays, 7)), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
-    none = (0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), centre, covariance, edges, (0.0, 0.0, 0.0))
+    edges, centre, alone, start = np.zeros((rays, 7)), np.zeros(3), np.zeros(3), np.zeros(3)
+    covariance, both = np.zeros((3, 3)), np.zeros((3, 3))
+    none = (0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), centre, both, alone, covariance, edges, (0.0, 0.0, 0.0))
     shrunk = math.sqrt(1.0 - lean_y)
     start[0], start[1], start[2] = sphere_at(x_px, y_px, r_px * shrunk, radius_m, camera)
     found_x, found_y, found_r = x_px, y_px, r_px
@@ -225,9 +270,14 @@ def _sharpened(
             directions[k, 0], directions[k, 1], directions[k, 2] = a / length, b / length, 1.0 / length
             sd[k] /= camera[0]
         near = not coarse and look > 0
+        # What is known of the distance counts against what the outline says of it: rays share errors, and what hides a
+        # part of the outline moves the rest of it.
+        hidden = _PART_HIDDEN * max(0.0, 0.8 - count / len(outline))
+        worse = _shared(unsure[0], rays, r_px) * (1.0 + (hidden / _WHOLE_SD) ** 2)
+        known_sd_m = known_sd * known_m / math.sqrt(worse)
         if not fit_rays(
-            directions[:count], sd[:count], radius_m, start, reach / 0.1, FIT_ROUNDS, IMPERFECTION, hold, near,
-            centre, covariance, weights[:count], outside[:count],
+            directions[:count], sd[:count], radius_m, start, reach / 0.1, FIT_ROUNDS, IMPERFECTION, hold,
+            known_m, known_sd_m, near, centre, covariance, alone, weights[:count], outside[:count],
         ):  # fmt: skip
             return none
         start[:] = centre
@@ -247,8 +297,7 @@ def _sharpened(
         edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3] = points[k, 0], points[k, 1], sd[k] * camera[0], ray[k]
         edges[k, 4], edges[k, 5], edges[k, 6] = offset[k], weights[k], outside[k] * camera[0]
     visible = seen / rays
-    # Neighbouring rays share the pixels, so that on a small marker many rays tell no more than a few.
-    shared = max(1.0, unsure[0] * rays / (2.0 * math.pi * found_r))
+    shared = _shared(unsure[0], rays, found_r)
     hidden = _PART_HIDDEN * max(0.0, 0.8 - visible)  # what hides a part may pass for its outline
     unsure_r = math.hypot(unsure[1], found_r * math.hypot(0.5 * stretch_sd, hidden))
     jacobian = np.empty((3, 3))
@@ -259,8 +308,14 @@ def _sharpened(
             for k in range(3):
                 deviation = unsure_r if k == 2 else unsure[1]
                 covariance[i, j] += jacobian[i, k] * jacobian[j, k] * deviation * deviation
-    deviations = _circle_sd(camera, centre[0], centre[1], centre[2], found_r, covariance)
+    length = math.sqrt(centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2])
+    for i in range(3):
+        for j in range(3):
+            both[i, j] = covariance[i, j]
+    if finite(known_sd):
+        _condition(both, centre / length, known_sd * known_m)
+    deviations = _circle_sd(camera, centre[0], centre[1], centre[2], found_r, both)
     return (
-        count, (found_x, found_y, found_r), deviations, centre, covariance, edges,
+        count, (found_x, found_y, found_r), deviations, centre, both, alone, covariance, edges,
         (visible, float(in_picture), explained),
     )  # fmt: skip

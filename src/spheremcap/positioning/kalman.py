@@ -3,6 +3,7 @@
 State (x, y, z, vx, vy, vz) in the camera's optical frame, metres and metres a second. Thesis section 3.3.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,7 +14,7 @@ from filterpy.kalman import KalmanFilter
 from pydantic import Field
 from scipy.stats import chi2
 
-from spheremcap.core.compiled import BOOL, F8, array, kernel
+from spheremcap.core.compiled import BOOL, F8, array, inner, kernel
 from spheremcap.core.linear import inverse3, product, solve
 from spheremcap.core.stage import StageConfig
 from spheremcap.core.time import NS_PER_S
@@ -28,6 +29,7 @@ class KalmanConfig(StageConfig):
 
     enabled: bool = Field(True, description="false predicts the last position (ablation)")
     acceleration_mps2: float = Field(60.0, gt=0, description="standard deviation of the unknown acceleration; ours")
+    acceleration_s: float = Field(0.015, gt=0, description="time over which the acceleration forgets itself; ours")
     start_speed_mps: float = Field(3.0, gt=0, description="standard deviation of the speed at a seed; ours")
     gate_probability: float = Field(0.9999, gt=0.5, lt=1, description="share of true measurements inside the gate")
 
@@ -98,7 +100,7 @@ class Track3D:
         if self._stamp_ns is None:
             raise RuntimeError("the filter has not been started")
         dt_s = (stamp_ns - self._stamp_ns) / NS_PER_S
-        f, q = transition(dt_s, self.config.acceleration_mps2, self.config.enabled)
+        f, q = transition(dt_s, self.config)
         self._filter.predict(F=f, Q=q)
         self._stamp_ns, self._widened, self._asked, self._moment = stamp_ns, 1.0, None, None
         return self.now
@@ -158,32 +160,51 @@ def _distance2(state, covariance, measured, measured_covariance, information):
     return total
 
 
+@inner
+def change_power(dt_s, acceleration_mps2, acceleration_s):
+    """How fast the variance of the velocity grows, (m/s)^2 a second, over a step under a random acceleration that
+    forgets itself within `acceleration_s` (Singer 1970): over short steps it pushes one way, over long ones it does
+    not, so that neither 24 nor 480 frames a second need another setting."""
+    ratio = abs(dt_s) / acceleration_s
+    if ratio < 1e-3:
+        return acceleration_mps2 * acceleration_mps2 * abs(dt_s)
+    grown = 2.0 * (acceleration_mps2 * acceleration_s) ** 2 * (ratio - 1.0 + math.exp(-ratio))
+    return grown / abs(dt_s)
+
+
 @lru_cache(maxsize=256)
-def transition(dt_s: float, acceleration_mps2: float, moving: bool = True) -> tuple[FloatArray, FloatArray]:
-    """F and Q (6, 6) of constant velocity over `dt_s` with a random acceleration that is constant in between; not
-    `moving`: F of a marker that stays where it is. Kept and shared, so not to be written to."""
+def transition(dt_s: float, config: KalmanConfig) -> tuple[FloatArray, FloatArray]:
+    """F and Q (6, 6) of nearly constant velocity over `dt_s`: white acceleration of `change_power` (Bar-Shalom et al.
+    2001, eq 6.2.2-12), whose two effects on place and velocity are not one. F is of a marker that stays where it is
+    where the filter is not enabled. Kept and shared, so not to be written to.
+
+    An acceleration that is constant over each step instead has a Q of rank 3: the velocity is then taken from the last
+    two places alone, and after one wrong place the prediction rings, step by step to either side.
+    """
     f = np.eye(6)
-    if moving:
+    if config.enabled:
         f[:3, 3:] = np.eye(3) * dt_s
-    gain = np.concatenate([np.eye(3) * (dt_s * dt_s / 2), np.eye(3) * dt_s])
-    q = gain @ gain.T * acceleration_mps2**2
+    power = change_power.py_func(dt_s, config.acceleration_mps2, config.acceleration_s)
+    step = np.array([[abs(dt_s) ** 3 / 3, dt_s * abs(dt_s) / 2], [dt_s * abs(dt_s) / 2, abs(dt_s)]])
+    q = power * np.kron(step, np.eye(3))
     f.flags.writeable = q.flags.writeable = False
     return f, q
 
 
-def smooth(moments: Sequence[Moment], acceleration_mps2: float, moving: bool = True) -> list[Moment]:
+def smooth(moments: Sequence[Moment], config: KalmanConfig) -> list[Moment]:
     """Rauch-Tung-Striebel smoothing (Rauch, Tung, Striebel 1965) of filtered moments in order of time."""
     if len(moments) < 2:
         return list(moments)
     stamps = [m.stamp_ns for m in moments]
     dt_s = np.diff(stamps) / NS_PER_S
     states, covariances = np.array([m.state for m in moments]), np.array([m.covariance for m in moments])
-    _smooth(states, covariances, dt_s, np.array([m.widened for m in moments]), acceleration_mps2, moving)
+    widened = np.array([m.widened for m in moments])
+    _smooth(states, covariances, dt_s, widened, config.acceleration_mps2, config.acceleration_s, config.enabled)
     return [Moment(stamp, x, p) for stamp, x, p in zip(stamps, states, covariances, strict=True)]
 
 
-@kernel(None, F8[:, ::1], F8[:, :, ::1], array(F8, 1), array(F8, 1), F8, BOOL)
-def _smooth(states, covariances, dt_s, widened, acceleration_mps2, moving):
+@kernel(None, F8[:, ::1], F8[:, :, ::1], array(F8, 1), array(F8, 1), F8, F8, BOOL)
+def _smooth(states, covariances, dt_s, widened, acceleration_mps2, acceleration_s, moving):
     """Backwards over states (N, 6) and covariances (N, 6, 6), in place; `dt_s` (N - 1,) between them.
 
     Where the filter's prediction of moment k + 1 was widened, the process noise of that step is what widened it.
@@ -193,11 +214,12 @@ def _smooth(states, covariances, dt_s, widened, acceleration_mps2, moving):
     ahead, change = np.empty(6), np.empty((6, 6))
     for k in range(len(dt_s) - 1, -1, -1):
         dt = dt_s[k]
+        power = change_power(dt, acceleration_mps2, acceleration_s)
         for i in range(3):
             step[i, 3 + i] = turned[3 + i, i] = dt if moving else 0.0
-            noise[i, i] = 0.25 * dt * dt * dt * dt * acceleration_mps2 * acceleration_mps2
-            noise[i, 3 + i] = noise[3 + i, i] = 0.5 * dt * dt * dt * acceleration_mps2 * acceleration_mps2
-            noise[3 + i, 3 + i] = dt * dt * acceleration_mps2 * acceleration_mps2
+            noise[i, i] = power * dt * dt * dt / 3.0
+            noise[i, 3 + i] = noise[3 + i, i] = power * dt * dt / 2.0
+            noise[3 + i, 3 + i] = power * dt
         product(step, covariances[k], forward)  # F P
         product(forward, turned, predicted)
         for i in range(6):

@@ -308,20 +308,24 @@ def _best_start(rays, sd_rad, radius_m, start, hold, out):
 
 @inner
 def fit_rays(
-    rays, sd_rad, radius_m, start, loose, rounds, imperfection, hold, near, centre, covariance, weights, outside
-):
+    rays, sd_rad, radius_m, start, loose, rounds, imperfection, hold, known_m, known_sd_m, near,
+    centre, covariance, alone, weights, outside,
+):  # fmt: skip
     """`fit_sphere` into the arrays `centre` (3,), `covariance` (3, 3), `weights` and `outside` (N,); False for None.
-    `hold` is NaN when nothing is held."""
+    `hold` is NaN when nothing is held, `known_sd_m` infinite when the distance is not known; `alone` (3,) is the centre
+    that the rays have without it."""
     count = len(rays)
     if near:
         centre[0], centre[1], centre[2] = start[0], start[1], start[2]
     else:
         _best_start(rays, sd_rad, radius_m, start, hold, centre)
     held = math.sqrt(start[0] * start[0] + start[1] * start[1] + start[2] * start[2])
+    if finite(known_sd_m):
+        held = known_m
     loose = max(loose, 3.0)
     fall = (3.0 / loose) ** (1.0 / max(1, rounds - 3))
     jacobian, sizes, sd = np.empty((count, 3)), np.empty(count), np.empty(count)
-    information, gradient, step = np.empty((3, 3)), np.empty(3), np.empty(3)
+    information, gradient, step, steps = np.empty((3, 3)), np.empty(3), np.empty(3), np.zeros((3, 3))
     scale = loose
     for number in range(rounds):
         if number >= rounds - 2:
@@ -344,21 +348,24 @@ def fit_rays(
             xx, xy, xz = xx + wx * jx, xy + wx * jy, xz + wx * jz
             yy, yz, zz = yy + wy * jy, yz + wy * jz, zz + wz * jz
         information[0, 0], information[0, 1], information[0, 2] = xx, xy, xz
-        information[1, 1], information[1, 2], information[2, 2] = yy, yz, zz
+        information[1, 0], information[1, 1], information[1, 2] = xy, yy, yz
+        information[2, 0], information[2, 1], information[2, 2] = xz, yz, zz
         gradient[0], gradient[1], gradient[2] = gx, gy, gz
-        if not math.isnan(hold) and number < rounds - 2:
-            deviation = hold * held
-            for i in range(3):
-                gradient[i] += centre[i] / length * (length - held) / (deviation * deviation)
-                for j in range(i, 3):
-                    information[i, j] += centre[i] * centre[j] / (length * length) / (deviation * deviation)
-        for i in range(3):
-            for j in range(i):
-                information[i, j] = information[j, i]
         if inverse3(information, covariance) == 0.0:
             return False
+        deviation = known_sd_m
+        if not math.isnan(hold) and number < rounds - 2:
+            deviation = hold * held
+        if finite(deviation):
+            for i in range(3):
+                gradient[i] += centre[i] / length * (length - held) / (deviation * deviation)
+                for j in range(3):
+                    information[i, j] += centre[i] * centre[j] / (length * length) / (deviation * deviation)
+        if inverse3(information, steps) == 0.0:
+            return False
         for i in range(3):
-            step[i] = covariance[i, 0] * gradient[0] + covariance[i, 1] * gradient[1] + covariance[i, 2] * gradient[2]
+            step[i] = steps[i, 0] * gradient[0] + steps[i, 1] * gradient[1] + steps[i, 2] * gradient[2]
+            alone[i] = centre[i] - covariance[i, 0] * gx - covariance[i, 1] * gy - covariance[i, 2] * gz
         size = math.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
         part = min(1.0, 0.3 * length / max(1e-12, size))
         for i in range(3):
@@ -366,6 +373,8 @@ def fit_rays(
         if not (centre[2] > radius_m and finite(centre[0]) and finite(centre[1])):
             return False
         scale *= fall
+    if not alone[2] > radius_m:
+        alone[:] = centre
     _set_residuals(rays, centre, radius_m, outside, jacobian)
     effective, spread = 0.0, 0.0
     for k in range(count):
@@ -380,13 +389,14 @@ def fit_rays(
     return True
 
 
-@kernel(None, _F2, _F1, F8, _F1, F8, I8, F8, F8, BOOL, at_import=False)
-def _fit_sphere(rays, sd_rad, radius_m, start, loose, rounds, imperfection, hold, near):
+@kernel(None, _F2, _F1, F8, _F1, F8, I8, F8, F8, F8, F8, BOOL, at_import=False)
+def _fit_sphere(rays, sd_rad, radius_m, start, loose, rounds, imperfection, hold, known_m, known_sd_m, near):
     centre, covariance = np.empty(3), np.empty((3, 3))
     weights, outside = np.empty(len(rays)), np.empty(len(rays))
     found = fit_rays(
-        rays, sd_rad, radius_m, start, loose, rounds, imperfection, hold, near, centre, covariance, weights, outside
-    )
+        rays, sd_rad, radius_m, start, loose, rounds, imperfection, hold, known_m, known_sd_m, near,
+        centre, covariance, np.empty(3), weights, outside,
+    )  # fmt: skip
     return found, centre, covariance, weights, outside
 
 
@@ -403,6 +413,7 @@ def fit_sphere(
     imperfection: float = IMPERFECTION,
     hold: float | None = None,
     near: bool = False,
+    known_m: tuple[float, float] | None = None,
 ) -> SphereFit | None:
     """The sphere whose tangent cone runs through the edge rays (N, 3), robustly; None when it does not converge.
 
@@ -415,10 +426,13 @@ def fit_sphere(
     `hold` keeps the distance near that of `start_m`, with this relative deviation, while the weights settle: the
     straight edge of an occluder then loses its say instead of shrinking the circle. The last rounds are free of it.
     `near` says that the start is close and no other cone needs to be looked for.
+
+    `known_m` is a distance known from elsewhere and its deviation: the centre is then the likeliest given both, which
+    on a short arc hardly leaves that distance. The covariance stays that of the rays alone.
     """
     found, centre, covariance, weights, outside = _fit_sphere(
         np.ascontiguousarray(rays, np.float64), np.ascontiguousarray(sd_rad, np.float64), radius_m,
         np.ascontiguousarray(start_m, np.float64), loose, rounds, imperfection,
-        math.nan if hold is None else hold, near,
+        math.nan if hold is None else hold, *(known_m or (0.0, math.inf)), near,
     )  # fmt: skip
     return SphereFit(centre, covariance, weights, outside) if found else None

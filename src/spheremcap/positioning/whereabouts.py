@@ -65,7 +65,9 @@ class Whereabouts:
         square = float(place @ place)
         range_sd = math.sqrt(float(place @ moment.covariance[:3, :3] @ place)) / square
         reach_px = min(max(3 * spread_px, 0.5 * circle.r_px), 3 * circle.r_px)
-        return Expected(circle, spread_px, range_sd, rate_px, interval_s, motion, exposure_known, reach_px)
+        return Expected(
+            circle, spread_px, math.sqrt(square), range_sd, rate_px, interval_s, motion, exposure_known, reach_px
+        )
 
     def absence(self, frame: Frame, left: bool) -> Absence:
         """What is known of a lost marker, had it moved on evenly. One that `left` the picture comes back where it went
@@ -89,16 +91,16 @@ class Whereabouts:
         """How far a claim is from where the marker should be, 1 at the farthest that is believed, and the greatest
         ratio of radii that is."""
         if absence is None:
-            return self.track.surprise(claim.xyz_cam_m, claim.covariance_m2), _GROWTH
+            return self.track.surprise(*claim.outline_alone), _GROWTH
         slack_m = absence.tolerance_m + 3 * float(np.sqrt(np.trace(claim.covariance_m2)))
         return float(np.linalg.norm(claim.xyz_cam_m - absence.xyz_cam_m)) / slack_m, absence.growth
 
     def accept(self, stamp_ns: int, claim: Measured, again: bool) -> None:
         """Take a verified claim in; `again` starts the filter with it."""
         if again:
-            self.track.start(stamp_ns, claim.xyz_cam_m, claim.covariance_m2)
+            self.track.start(stamp_ns, *claim.outline_alone)
         else:
-            self.track.update(claim.xyz_cam_m, claim.covariance_m2)
+            self.track.update(*claim.outline_alone)
         self.circle, self.seen = claim.circle, self.track.now
 
     def gone(self, frame: Frame) -> bool:

@@ -13,7 +13,8 @@ from spheremcap.verification.jury import JuryConfig
 
 _COVERED = 0.8  # share of a claim's disc from which the marker before it hides it
 _LITTLE, _LEAST_IN_PICTURE = 0.6, 0.3  # shares of the outline
-_CLEAR, _NO_LEAP = 0.7, 0.6  # share of the outline, and radii off the prediction, of a claim that is no leap
+_CLEAR, _NO_LEAP = 0.7, 0.6  # share of the outline, and `off_expected`, of a claim that is no leap
+_AS_EXPECTED = 0.15  # `off_expected` of a claim that is just where the filter has the marker
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,12 @@ class Case:
     in_picture: float = 1.0
 
     @property
+    def off_expected(self) -> float:
+        """How far the claim is from the expected circle: radii aside, and three times the logarithm of the sizes."""
+        r_px = self.expected.r_px
+        return self.claim.distance(self.expected) / r_px + 3 * abs(math.log(self.claim.r_px / r_px))
+
+    @property
     def little_seen(self) -> bool:
         """Whether something may hide a good part of the outline; what the picture's border cuts off is not hidden."""
         return self.visible < _LITTLE * max(self.in_picture, _LEAST_IN_PICTURE)
@@ -53,8 +60,10 @@ def _outline(case: Case, jury: JuryConfig) -> bool:
 
 
 def _seed(case: Case, jury: JuryConfig) -> bool:
-    """The seed's template, which does not follow, agrees with a claim of which little is seen."""
-    return case.seed_vote is None or case.seed_vote > jury.seed_template
+    """The seed's template, which does not follow, agrees with a claim of which little is seen; or it is just where and
+    as large as a marker that is followed was expected. What hides the rest of it hides it from the template too."""
+    as_expected = not case.lost and case.surprise <= 1 and case.off_expected < _AS_EXPECTED
+    return as_expected or case.seed_vote is None or case.seed_vote > jury.seed_template
 
 
 def _colour(case: Case, jury: JuryConfig) -> bool:
@@ -77,9 +86,7 @@ def _gate(case: Case, jury: JuryConfig) -> bool:
     learnt a wrong speed says."""
     if case.surprise <= 1:
         return True
-    r_px = case.expected.r_px
-    off = case.claim.distance(case.expected) / r_px + 3 * abs(math.log(case.claim.r_px / r_px))
-    return not case.lost and case.visible > _CLEAR and off < _NO_LEAP
+    return not case.lost and case.visible > _CLEAR and case.off_expected < _NO_LEAP
 
 
 def _size(case: Case, jury: JuryConfig) -> bool:
