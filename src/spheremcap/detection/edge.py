@@ -47,8 +47,8 @@ _STEP = 0.7  # px between samples on a ray near the edge
 _DEEP = 16  # samples between the edge and the deepest place, at most
 _SHARED = 2.5  # neighbouring samples of chroma at half resolution that share an error
 _STEP_SD = 0.3  # standard deviation of the step that is seen, over the step between the levels on either side
-_CARRIED = 0.2  # and of that of the shading, where it has to be carried on by half the radius
-_TEXTURE = 0.0125  # share of the variance that the background has along the outline that is expected across it
+_TEXTURE = 0.0125  # share of the background's variance along the outline that is expected across it
+_CARRIED = 0.2  # share of the shading's variance that is, where shading has to be carried on by half the radius
 _READ_PLAINLY = 0.87  # of chroma's blur is left where every pixel has its own and no spline is needed
 _NO_LIMITS = np.empty(0)
 
