@@ -95,7 +95,8 @@ def test_config_and_synth(run, tmp_path):
     settings.write_text(shown.out)
     assert load_settings(settings) == load_settings_default()
     assert "gopro-hero4-black-720p240-narrow" in run("config", "presets").out
-    assert "clean" in run("synth", "list").out
+    listed = run("synth", "list").out.splitlines()
+    assert [line.split()[0] for line in listed if line.startswith(("clean ", "day-clean "))] == ["clean", "day-clean"]
     outcome = run("synth", "nonsense", "-o", tmp_path)
     assert (outcome.code, outcome.err.count("\n")) == (2, 1)
 

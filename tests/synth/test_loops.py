@@ -10,8 +10,8 @@ from spheremcap.core.camera import Camera
 from spheremcap.core.frame import Window
 from spheremcap.synth import motion, pixels
 from spheremcap.synth.raster import to_srgb
-from spheremcap.synth.session import _TO_YUV as TO_YUV
-from spheremcap.synth.session import to_yuv420
+from spheremcap.synth.scene import _TO_YUV as TO_YUV
+from spheremcap.synth.scene import to_yuv420
 
 CURVE = np.rint(to_srgb(np.arange(16384) / 16383)).astype(np.uint8)
 NARROW = Camera(1280, 720, 1150.0, 1150.0, 639.5, 359.5, "plumb_bob", (-0.31, 0.17, 0.001, -0.002))

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from spheremcap.core.time import ticks_to_ns
-from spheremcap.synth import SCENARIOS, TRUTH_COLUMNS, Scene, build, describe, names, render
-from spheremcap.synth.session import to_yuv420
+from spheremcap.synth import SCENARIOS, TRUTH_COLUMNS, Scene, build, describe, names, render, rendered
+from spheremcap.synth.scene import to_yuv420
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_seeds_and_settings_are_readable_and_near_the_truth(session):
             assert seed[key] == getattr(same.circle, key)
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", SCENARIOS)
 def test_every_scenario_builds_and_has_truth_throughout(name):
     world = build(name, seed=3)
     assert describe(name) == SCENARIOS[name].about
@@ -87,6 +87,17 @@ def test_every_scenario_builds_and_has_truth_throughout(name):
     assert all(t.circle is not None and 0 <= t.visible <= 1 for truths in few for t in truths)
     assert any(t.visible == 1 for t in few[0])
     assert repr(scene.truth(40)) == repr(Scene(build(name, seed=3)).truth(40))
+
+
+def test_one_table_has_the_scenarios_of_both_renderers():
+    assert names()[: len(SCENARIOS)] == tuple(SCENARIOS)
+    assert all(name.startswith("day-") for name in names()[len(SCENARIOS) :])
+    assert len(set(names())) == len(names()) > len(SCENARIOS) + 10
+    assert isinstance(rendered("clean", frames=2), Scene)
+    assert not isinstance(rendered("day-clean", frames=2), Scene)
+    for wrong in (describe, rendered):
+        with pytest.raises(KeyError):
+            wrong("nonesuch")
 
 
 def test_unknown_scenario_and_no_frames_are_refused():

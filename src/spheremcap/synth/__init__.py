@@ -1,15 +1,20 @@
-"""Rendered sessions with exact truth: `names()`, `describe(name)`, `render(name, folder)`, and `Scene` in
-memory.
+"""Rendered sessions with exact truth: `names()`, `describe(name)`, `render(name, folder)`, and `rendered(name)` in
+memory. Two renderers make them that share no line of drawing: `Scene` (cards and balls over photographs), whose
+modules lie here, and `daylight` (rays cast into a small world), whose scenarios begin with `day-`.
 """
 
-from spheremcap.synth.scenarios import SCENARIOS, Scenario, build, describe, names
-from spheremcap.synth.scene import MarkerTruth, Scene
+from spheremcap.synth.catalogue import describe, names, rendered
+from spheremcap.synth.scenarios import SCENARIOS, Scenario, build
+from spheremcap.synth.scene import Scene
 from spheremcap.synth.session import TRUTH_COLUMNS, SynthSession, render
+from spheremcap.synth.truth import Container, MarkerTruth, Rendered
 
 __all__ = [
     "SCENARIOS",
     "TRUTH_COLUMNS",
+    "Container",
     "MarkerTruth",
+    "Rendered",
     "Scenario",
     "Scene",
     "SynthSession",
@@ -17,4 +22,5 @@ __all__ = [
     "describe",
     "names",
     "render",
+    "rendered",
 ]

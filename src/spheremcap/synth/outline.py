@@ -1,7 +1,6 @@
 """The outline of a sphere in the picture, through any lens and a rolling shutter; its ellipse and circle."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -9,19 +8,9 @@ import numpy.typing as npt
 from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
 from spheremcap.synth.motion import touched
+from spheremcap.synth.truth import Ellipse
 
 FloatArray = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Ellipse:
-    """An ellipse in pixels: centre, semi-axes a >= b, and the angle of a from +x towards +y in radians."""
-
-    x_px: float
-    y_px: float
-    a_px: float
-    b_px: float
-    angle_rad: float
 
 
 def seen_outline(

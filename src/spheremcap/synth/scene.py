@@ -7,13 +7,10 @@ half exposed: position and circle belong together, as seen. Blur does not move i
 mid-exposure, not the streak.
 """
 
-import os
-from collections import deque
 from collections.abc import Generator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice, pairwise
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -22,44 +19,26 @@ import numpy.typing as npt
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import BgrImage, Window
 from spheremcap.core.time import ticks_to_ns
+from spheremcap.synth.ahead import ahead
 from spheremcap.synth.backdrop import Body, Canvas, photograph
-from spheremcap.synth.outline import Ellipse, polygon_ellipse, seen_outline
+from spheremcap.synth.outline import polygon_ellipse, seen_outline
 from spheremcap.synth.parts import Ball, Card, World
-from spheremcap.synth.pixels import develop, paint_ball, paint_card
+from spheremcap.synth.pixels import develop, paint_ball, paint_card, yuv420
 from spheremcap.synth.raster import (
     Image,
     linear_bgr,
     to_linear,
     to_srgb,
 )
+from spheremcap.synth.truth import Container, MarkerTruth
 
 FloatArray = npt.NDArray[np.float64]
 _STEP_PX = 0.45
 _MOST_STEPS = 64
 _WIDEST_RAD = float(np.radians(80))
 _NOISE_SLACK = 48
-_MOST_THREADS = 8  # each holds some 40 MB at 1280x720
-
-
-@dataclass(frozen=True, slots=True)
-class MarkerTruth:
-    """What is true of one marker on one frame.
-
-    `circle` (pixels) has the outline's centroid and area, `ellipse` its second moments too, `centre_px` is
-    the 3D centre's projection; None when the sphere is behind the camera or beyond 80 degrees off axis.
-    `xyz_cam_m` (3,) and `velocity_cam_mps` (3,) are in the shaking camera's optical frame. `visible` in [0,
-    1] is the part of the outline's area that is inside the picture and not covered; `in_picture` is whether
-    the circle's centre is.
-    """
-
-    marker: str
-    circle: Circle | None
-    ellipse: Ellipse | None
-    centre_px: tuple[float, float] | None
-    xyz_cam_m: FloatArray
-    velocity_cam_mps: FloatArray
-    visible: float
-    in_picture: bool
+MEGABITS = 60
+"""Bit rate of an action camera at 1280x720 and 240 frames/s, in Mbit/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +59,19 @@ class Scene:
         self.camera = world.camera
         self.row_s = world.sensor.readout_s / max(1, self.camera.height_px - 1)
 
+    @property
+    def container(self) -> Container:
+        """How the session is written down."""
+        world, sensor = self.world, self.world.sensor
+        markers = tuple((ball.name, ball.diameter_m) for ball in world.markers)
+        return Container(
+            world.camera, sensor.exposure_s, sensor.readout_s, world.ticks, world.time_base, markers, MEGABITS
+        )
+
+    def planes(self, picture: BgrImage) -> npt.NDArray[np.uint8]:
+        """The picture's 4:2:0 planes, chroma sited left."""
+        return to_yuv420(picture)
+
     def __len__(self) -> int:
         return len(self.world.ticks)
 
@@ -95,18 +87,8 @@ class Scene:
         They are rendered ahead in `workers` threads (None: one a core, 8 at most), and are the same whatever their
         number.
         """
-        indices = iter(range(len(self) if count is None else min(count, len(self))))
-        workers = workers or min(os.cpu_count() or 1, _MOST_THREADS)
         self._prepare()
-        with ThreadPoolExecutor(workers, "render") as threads:
-            waiting = deque(threads.submit(self._frame, index) for index in islice(indices, 2 * workers))
-            try:
-                while waiting:
-                    frame = waiting.popleft().result()
-                    waiting.extend(threads.submit(self._frame, index) for index in islice(indices, 1))
-                    yield frame
-            finally:
-                threads.shutdown(cancel_futures=True)
+        return ahead(self._frame, len(self) if count is None else min(count, len(self)), workers)
 
     def _frame(self, index: int) -> tuple[BgrImage, int, list[MarkerTruth]]:
         layers = self._find_layers(index)
@@ -415,3 +397,21 @@ def _groups(layers: list[_Layer]) -> list[list[_Layer]]:
         groups = [g for g in groups if not any(g is j for j in joined)]
         groups.append([layer, *(other for g in joined for other in g)])
     return groups
+
+
+_KR, _KB = 0.2126, 0.0722
+_TO_YUV = np.array(
+    [
+        [_KB * 219, (1 - _KR - _KB) * 219, _KR * 219, 16 * 255],
+        [112, -(1 - _KR - _KB) / (1 - _KB) * 112, -_KR / (1 - _KB) * 112, 128 * 255],
+        [-_KB / (1 - _KR) * 112, -(1 - _KR - _KB) / (1 - _KR) * 112, 112, 128 * 255],
+    ]
+) / 255  # fmt: skip
+"""BGR in 0..255 to BT.709 limited-range Y, Cb, Cr (3, 4: the last column is the offset)."""
+
+
+def to_yuv420(picture: BgrImage) -> npt.NDArray[np.uint8]:
+    """(height, width, 3) BGR, both even -> (height * 3 / 2, width) Y, Cb, Cr planes, chroma sited left (MPEG-2, H.264's
+    default).
+    """
+    return yuv420(np.ascontiguousarray(picture).reshape(len(picture), -1), _TO_YUV.astype(np.float32).ravel())

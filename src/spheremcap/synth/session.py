@@ -9,20 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from spheremcap.core.circle import Circle
-from spheremcap.core.frame import BgrImage
 from spheremcap.core.marker import Seed
-from spheremcap.synth.parts import World
-from spheremcap.synth.pixels import yuv420
-from spheremcap.synth.scenarios import build
-from spheremcap.synth.scene import MarkerTruth, Scene
+from spheremcap.synth.catalogue import rendered
+from spheremcap.synth.truth import Container, MarkerTruth
 
 TRUTH_COLUMNS = (
     "frame", "stamp_ns", "marker", "x_px", "y_px", "r_px",
     "ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_rad",
     "x_cam_m", "y_cam_m", "z_cam_m", "vx", "vy", "vz", "visible", "in_picture", "centre_x_px", "centre_y_px",
 )  # fmt: skip
-MEGABITS = 60
-"""Bit rate of an action camera at 1280x720 and 240 frames/s, in Mbit/s."""
 _CLICK_PX = 0.7
 
 
@@ -46,18 +41,19 @@ def render(
     *,
     seed: int = 0,
     frames: int | None = None,
-    megabits: float = MEGABITS,
+    megabits: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SynthSession:
     """Render a scenario into `folder` (made if missing): session.mp4, truth.csv, settings.toml, seeds.toml.
 
-    The same scenario, seed, frames and megabits (Mbit/s at 240 frames/s) give the same bytes. `progress` is
-    called with (frames done, frames in all). truth.csv has the columns `TRUTH_COLUMNS`, a row per frame and
-    marker, in pixels, metres, m/s and radians, empty where there is no value; what instant it is of is said
-    in `scene`. Raises KeyError for an unknown scenario and OSError when the folder cannot be written.
+    The same scenario, seed, frames and megabits (Mbit/s at 240 frames/s; None: the scenario's own) give the
+    same bytes. `progress` is called with (frames done, frames in all). truth.csv has the columns
+    `TRUTH_COLUMNS`, a row per frame and marker, in pixels, metres, m/s and radians, empty where there is no
+    value; what instant it is of is said in `scene`. Raises KeyError for an unknown scenario and OSError when
+    the folder cannot be written.
     """
-    world = build(scenario, seed=seed, frames=frames)
-    scene = Scene(world)
+    scene = rendered(scenario, seed=seed, frames=frames)
+    container = scene.container
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     video, truth = folder / "session.mp4", folder / "truth.csv"
@@ -65,23 +61,23 @@ def render(
     clicks = np.random.default_rng([seed, 40_961])
     video_part, truth_part = (path.with_name(path.name + ".part") for path in (video, truth))
     with (
-        encoder(video_part, world, megabits) as write,
+        encoder(video_part, container, megabits) as write,
         truth_part.open("w", encoding="utf-8", newline="\n") as table,
     ):
         table.write(",".join(TRUTH_COLUMNS) + "\n")
         for index, (picture, stamp_ns, truths) in enumerate(scene.frames()):
-            write(picture, world.ticks[index])
+            write(scene.planes(picture), container.ticks[index])
             for marker in truths:
                 table.write(truth_row(index, stamp_ns, marker) + "\n")
-                if marker.marker not in seeds and marker.circle is not None and marker.visible == 1.0:
+                if marker.marker not in seeds and marker.circle is not None and marker.visible >= container.clear:
                     seeds[marker.marker] = Seed(marker.marker, index, _click(marker.circle, clicks))
             if progress is not None:
                 progress(index + 1, len(scene))
     video_part.replace(video)
     truth_part.replace(truth)
-    given = tuple(seeds[ball.name] for ball in world.markers if ball.name in seeds)
+    given = tuple(seeds[name] for name, _ in container.markers if name in seeds)
     settings, seeds_file = folder / "settings.toml", folder / "seeds.toml"
-    settings.write_text(settings_toml(world), encoding="utf-8", newline="\n")
+    settings.write_text(settings_toml(container), encoding="utf-8", newline="\n")
     seeds_file.write_text(seeds_toml(given), encoding="utf-8", newline="\n")
     return SynthSession(scenario, folder, video, truth, settings, seeds_file, given, len(scene))
 
@@ -101,18 +97,18 @@ def truth_row(index: int, stamp_ns: int, truth: MarkerTruth) -> str:
     return ",".join(cells)
 
 
-def settings_toml(world: World) -> str:
+def settings_toml(container: Container) -> str:
     """The settings of a session: its camera and its markers."""
-    c = world.camera
+    c = container.camera
     lines = [
         "[camera]", f"width_px = {c.width_px}", f"height_px = {c.height_px}",
         f"fx_px = {c.fx_px!r}", f"fy_px = {c.fy_px!r}", f"cx_px = {c.cx_px!r}", f"cy_px = {c.cy_px!r}",
         f'model = "{c.model}"', f"distortion = [{', '.join(repr(k) for k in c.distortion)}]",
-        f"exposure_s = {world.sensor.exposure_s:.9g}",
-        f"readout_s = {world.sensor.readout_s:.9g}",
+        f"exposure_s = {container.exposure_s:.9g}",
+        f"readout_s = {container.readout_s:.9g}",
     ]  # fmt: skip
-    for ball in world.markers:
-        lines += ["", "[[markers]]", f'name = "{ball.name}"', f"diameter_m = {ball.diameter_m!r}"]
+    for name, diameter_m in container.markers:
+        lines += ["", "[[markers]]", f'name = "{name}"', f"diameter_m = {diameter_m!r}"]
     return "\n".join(lines) + "\n"
 
 
@@ -138,35 +134,38 @@ def _number(value: float | None, digits: int) -> str:
 
 
 @contextmanager
-def encoder(path: Path, world: World, megabits: float = MEGABITS) -> Iterator[Callable[[BgrImage, int], None]]:
-    """An H.264 file as an action camera writes it; call the result with (picture, container ticks).
+def encoder(
+    path: Path, written: Container, megabits: float | None = None
+) -> Iterator[Callable[[npt.NDArray[np.uint8], int], None]]:
+    """An H.264 file as an action camera writes it; call the result with (4:2:0 planes, container ticks).
 
-    High profile, 4:2:0 with chroma left of centre, BT.709 limited range, no B-frames, a key frame every 60
-    frames, and no looking ahead. The bit rate is `megabits` Mbit/s at 240 frames/s and falls with the frame
-    rate as the bits of a frame stay.
+    High profile, BT.709 limited range, where chroma lies left unsaid, no B-frames, a key frame every 60
+    frames, and no looking ahead. The bit rate is `megabits` Mbit/s (None: the session's own) at 240 frames/s
+    and falls with the frame rate as the bits of a frame stay.
     """
     import av
 
-    ticks = np.diff(world.ticks) if len(world.ticks) > 1 else np.array([1001])
-    rate = 1 / (world.time_base * int(np.median(ticks)))
+    ticks = np.diff(written.ticks) if len(written.ticks) > 1 else np.array([1001])
+    rate = 1 / (written.time_base * int(np.median(ticks)))
     container = av.open(str(path), "w", format="mp4", options={"fflags": "+bitexact", "movflags": "+faststart"})
     stream = container.add_stream("libx264", rate=rate)
     context = stream.codec_context
-    stream.width, stream.height, stream.pix_fmt = world.camera.width_px, world.camera.height_px, "yuv420p"
-    context.time_base = stream.time_base = world.time_base
-    context.bit_rate = round(megabits * 1e6 * float(rate) / 240)
+    stream.width, stream.height, stream.pix_fmt = written.camera.width_px, written.camera.height_px, "yuv420p"
+    context.time_base = stream.time_base = written.time_base
+    context.bit_rate = round((written.megabits if megabits is None else megabits) * 1e6 * float(rate) / 240)
     context.gop_size, context.max_b_frames, context.thread_count = 60, 0, 1
     context.color_range, context.colorspace = (
         av.video.reformatter.ColorRange.MPEG,
         av.video.reformatter.Colorspace.ITU709,
     )
     context.color_primaries, context.color_trc = 1, 1
+    if written.sample_aspect is not None:
+        context.sample_aspect_ratio = written.sample_aspect
     context.options = {"preset": "superfast", "profile": "high", "flags": "+bitexact"}
 
-    def write(picture: BgrImage, pts: int) -> None:
-        planes = to_yuv420(picture)
+    def write(planes: npt.NDArray[np.uint8], pts: int) -> None:
         frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
-        frame.pts, frame.time_base = pts, world.time_base
+        frame.pts, frame.time_base = pts, written.time_base
         frame.color_range, frame.colorspace = context.color_range, context.colorspace
         container.mux(stream.encode(frame))
 
@@ -175,21 +174,3 @@ def encoder(path: Path, world: World, megabits: float = MEGABITS) -> Iterator[Ca
         container.mux(stream.encode(None))
     finally:
         container.close()
-
-
-_KR, _KB = 0.2126, 0.0722
-_TO_YUV = np.array(
-    [
-        [_KB * 219, (1 - _KR - _KB) * 219, _KR * 219, 16 * 255],
-        [112, -(1 - _KR - _KB) / (1 - _KB) * 112, -_KR / (1 - _KB) * 112, 128 * 255],
-        [-_KB / (1 - _KR) * 112, -(1 - _KR - _KB) / (1 - _KR) * 112, 112, 128 * 255],
-    ]
-) / 255  # fmt: skip
-"""BGR in 0..255 to BT.709 limited-range Y, Cb, Cr (3, 4: the last column is the offset)."""
-
-
-def to_yuv420(picture: BgrImage) -> npt.NDArray[np.uint8]:
-    """(height, width, 3) BGR, both even -> (height * 3 / 2, width) Y, Cb, Cr planes, chroma sited left (MPEG-2, H.264's
-    default).
-    """
-    return yuv420(np.ascontiguousarray(picture).reshape(len(picture), -1), _TO_YUV.astype(np.float32).ravel())
