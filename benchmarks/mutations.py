@@ -9,7 +9,8 @@ what fails then is left out. Ends with 1 when a fault's text is not found any mo
 
 Faults up to 34 have the numbers of a reader's review of an early version, which 20 of its 35 faults escaped: these are
 they, in their present form. From 101 on they are of chain, status, checks, session, optics, whereabouts, verifier and
-follower, from 181 on of what edges, outline and filter make of what they know beforehand.
+follower, from 181 on of what edges, outline and filter make of what they know beforehand, from 211 on of shading,
+softness, exposure and returns.
 """
 
 import argparse
@@ -47,6 +48,7 @@ LEARNER, OUTLINE = "tests/detection/test_optics_learner.py", "tests/detection/te
 STATUS, VERIFIER = "tests/core/test_status.py", "tests/verification/test_verifier.py"
 FOLLOWER, WHEREABOUTS = "tests/tracking/test_follower.py", "tests/positioning/test_whereabouts.py"
 EDGE, COLOUR = "tests/detection/test_edge.py", "tests/detection/test_colour.py"
+SHADING, REACQUIRED = "tests/detection/test_shading.py", "tests/verification/test_reacquired.py"
 SPHERE, KALMAN = "tests/positioning/test_sphere.py", "tests/positioning/test_kalman.py"
 
 FAULTS = (
@@ -84,8 +86,8 @@ FAULTS = (
     Fault(18, "checks: the seed has no veto", "verification/checks.py", '    "seed": _seed,\n', "", (CHECKS,)),
     Fault(19, "checks: no colour", "verification/checks.py", '    "colour": _colour,\n', "", (CHECKS,)),
     Fault(
-        20, "verifier: the seed's template not asked of a lost marker", "verification/verifier.py",
-        "(self._template, self._seeded) if prior.lost else (self._template,)", "(self._template,)", (VERIFIER,),
+        20, "verifier: the seed's template not asked of one that was missed", "verification/verifier.py",
+        "(self._template, self._seeded) if prior.missed else (self._template,)", "(self._template,)", (VERIFIER,),
     ),
     Fault(
         22, "follower: size from points ignored", "tracking/follower.py",
@@ -155,7 +157,7 @@ FAULTS = (
     ),
     Fault(
         107, "chain: misses never end", "chain.py",
-        "        self.misses = 0\n        self._stages.verifier", "        self._stages.verifier", (DECISIONS,),
+        "claim.circle, 0\n        stages.verifier", "claim.circle, self.misses\n        stages.verifier", (DECISIONS,),
     ),
     Fault(
         108, "chain: a marker found again teaches as before it was lost", "chain.py",
@@ -221,7 +223,7 @@ FAULTS = (
     ),
     Fault(
         142, "optics: any gain is evidence of an exposure", "detection/optics.py",
-        "if k == 0 or gain < 2 * (scatter / self._weight) ** 0.5:", "if k == 0:", (LEARNER,),
+        "and gain.mean() > 2 * gain.std() / len(looks) ** 0.5", "", (LEARNER,),
     ),
     Fault(
         143, "optics: any readout is believed", "detection/optics.py",
@@ -232,8 +234,8 @@ FAULTS = (
         "        if claim.visible < _CLEAR:\n            return\n", "", (LEARNER,),
     ),
     Fault(
-        145, "optics: the most explaining softness, however little more", "detection/optics.py",
-        "(mean >= mean.max() - 0.01).argmax()", "mean.argmax()", (LEARNER,),
+        145, "optics: a soft lens is as likely as a sharp one", "detection/optics.py",
+        "looks = looks + _SOFT * np.log(self._softnesses)[:, None] ** 2", "pass", (LEARNER,),
     ),
     # -- whereabouts
     Fault(
@@ -247,7 +249,7 @@ FAULTS = (
     ),
     Fault(
         153, "whereabouts: one that left is sought where it would be", "positioning/whereabouts.py",
-        "        if left:\n", "        if False:\n", (WHEREABOUTS,),
+        "        if left:\n            tolerance_m", "        if False:\n            tolerance_m", (WHEREABOUTS,),
     ),
     Fault(
         154, "whereabouts: the reach has no bound", "positioning/whereabouts.py",
@@ -365,6 +367,74 @@ FAULTS = (
     Fault(
         205, "kalman: as forgetful over short steps as over long ones", "positioning/kalman.py",
         "(ratio - 1.0 + math.exp(-ratio))", "ratio", (KALMAN,),
+    ),
+    # -- shading, softness and exposure, returns
+    Fault(
+        211, "shading: the fall towards the limb is not carried on", "detection/shading.py",
+        "slope *= _CARRIED_ON / max(squares, 1e-9)", "slope = 0.0", (SHADING,),
+    ),
+    Fault(
+        212, "shading: hidden rays teach it too", "detection/shading.py",
+        "        if shown[n]:\n            frames[n]", "        if True:\n            frames[n]", (SHADING,),
+    ),
+    Fault(
+        213, "shading: in the light's own units", "detection/shading.py",
+        "(light[k, n] / level - mean[k, n])", "(light[k, n] - mean[k, n])", (SHADING,),
+    ),
+    Fault(
+        214, "shading: read up to the edge itself", "detection/outline.py",
+        "return rings, shown, 1 - (blur_px", "return rings, shown, 1 - 0 * (blur_px", (SHADING,),
+    ),
+    Fault(
+        215, "edge: learnt shading counts alone", "detection/edge.py",
+        "math.sqrt(limb[k, n] * min(max(value, np.float32(0.1)), np.float32(4.0)))",
+        "min(max(value, np.float32(0.1)), np.float32(4.0))", (EDGE,),
+    ),
+    Fault(
+        216, "misfits: each exposure has its own samples' margin", "detection/edge.py",
+        "share * across, share * along, r_px,\n                sigma * softnesses[i]",
+        "across, along, r_px,\n                sigma * softnesses[i]", (EDGE, LEARNER),
+    ),
+    Fault(
+        217, "misfits: brightness alone", "detection/edge.py",
+        "math.log(luma[n] + chroma[n] + 1e-7)", "math.log(luma[n] + 1e-7)", (EDGE,),
+    ),
+    Fault(
+        218, "outline: half an outline is as good to the filter as a whole one", "detection/outline.py",
+        "more = (_ALIKE - 1.0) * (found_r * hidden) ** 2", "more = 0.0", (OUTLINE,),
+    ),
+    Fault(
+        219, "optics: a blur that no softness needs is believed", "detection/optics.py",
+        "if not sure or plain[i, j] >= plain[:, 0].min():", "if not sure:", (LEARNER,),
+    ),
+    Fault(
+        220, "optics: streaks beyond bounds teach an exposure", "detection/optics.py",
+        "if due and math.hypot(*bounded_blur(way_px, claim.circle)) >= math.hypot(*way_px):", "if due:", (LEARNER,),
+    ),
+    Fault(
+        221, "reacquired: believed at once whatever its size", "verification/reacquired.py",
+        "enough = _SURE_VOTES if _alike(circle, last) else _CLEAR_VOTES", "enough = _SURE_VOTES", (REACQUIRED,),
+    ),
+    Fault(
+        222, "reacquired: frames need not follow one another", "verification/reacquired.py",
+        "        if found is None or found.claim is None:\n            self._circle, self._frames = None, 0\n",
+        "        if found is None or found.claim is None:\n", (REACQUIRED,),
+    ),
+    Fault(
+        223, "chain: a lost marker is never asked to be confirmed", "chain.py",
+        "looks = self._again.confirmed(looks, self.whereabouts.circle)", "pass", (DECISIONS,),
+    ),
+    Fault(
+        224, "status: lost by the count alone", "core/status.py",
+        " and sight.unsure_radii >= policy.lost_radii", "", (STATUS,),
+    ),
+    Fault(
+        225, "whereabouts: one that left is sought everywhere", "positioning/whereabouts.py",
+        "region = _near_half(frame, went, region)", "pass", (WHEREABOUTS,),
+    ),
+    Fault(
+        226, "colour: hues of black pixels count", "detection/colour.py",
+        "hue_off[chroma < _NO_HUE * np.median(chroma)] = 0", "pass", (COLOUR,),
     ),
 )  # fmt: skip
 

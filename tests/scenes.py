@@ -15,6 +15,7 @@ import numpy as np
 from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import BgrFrame, YuvFrame, yuv_to_bgr_matrix
+from spheremcap.core.status import PolicyConfig
 
 CAMERA = Camera(320, 240, 600.0, 600.0, 159.5, 119.5)
 RADIUS_M = 0.02
@@ -198,3 +199,7 @@ def yuv_frame(image, index=0, period_ns=PERIOD_NS) -> YuvFrame:
     chroma = (chroma[0::2, 0::2] + chroma[1::2, 0::2]) / 2
     planes = [np.clip(np.rint(p), 0, 255).astype(np.uint8) for p in (yuv[..., 0], chroma[..., 0], chroma[..., 1])]
     return YuvFrame(index, index * period_ns, planes[0], (planes[1], planes[2]), (2, 2), (0.0, 0.5), _BT709)
+
+
+COUNTED = PolicyConfig(lost_radii=0)
+"""A marker is LOST after five frames, however sure the filter is of it."""

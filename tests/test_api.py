@@ -6,6 +6,7 @@ import threading
 from fractions import Fraction
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from mcap.writer import Writer
@@ -189,6 +190,40 @@ def test_the_camera_is_the_settings_then_the_one_beside_the_pictures() -> None:
     assert resolve(SETTINGS.camera, 640, 480, Path())[0].fx_px == pytest.approx(2 * CAMERA.fx_px)
     with pytest.raises(api.UsageError, match="another shape"):
         resolve(SETTINGS.camera, 640, 360, Path())
+
+
+def test_pixels_that_are_not_square_squeeze_the_camera_that_is_for_square_ones() -> None:
+    resolve, nothing = api.resolve_camera, spheremcap.Settings().camera
+    preset = PRESETS["gopro-hero4-black-720p240-narrow"]
+    camera, metric, note = resolve(nothing, 960, 720, Path(), pixel_aspect=4 / 3)
+    assert metric
+    assert "1.333 times as wide as high" in note
+    assert (camera.width_px, camera.height_px) == (960, 720)
+    assert camera.fx_px == pytest.approx(preset.fx_px * 3 / 4)
+    assert camera.fy_px == preset.fy_px
+    named = spheremcap.Settings.model_validate({"camera": {"preset": "gopro-hero4-black-720p240-narrow"}}).camera
+    assert resolve(named, 960, 720, Path(), pixel_aspect=4 / 3)[0] == camera
+    guess, metric, note = resolve(nothing, 720, 576, Path(), pixel_aspect=16 / 15)
+    assert not metric
+    assert guess.fy_px == pytest.approx(guess.fx_px * 16 / 15)
+    assert "1.067 times" in note
+    given = resolve(SETTINGS.camera, 320, 240, Path(), pixel_aspect=4 / 3)[0]  # for the pixels as they are stored
+    assert given.fx_px == CAMERA.fx_px
+
+
+@pytest.mark.parametrize(("stated", "aspect"), [(None, 1.0), (Fraction(4, 3), 4 / 3)])
+def test_the_stream_says_what_shape_its_pixels_have(tmp_path: Path, stated: Fraction | None, aspect: float) -> None:
+    path = tmp_path / "clip.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
+        if stated is not None:
+            stream.codec_context.sample_aspect_ratio = stated
+        for _ in range(3):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.full((120, 160, 3), 90, np.uint8), "bgr24")))
+        container.mux(stream.encode(None))
+    with VideoSource(path, packets=False) as source:
+        assert source.pixel_aspect == pytest.approx(aspect)
 
 
 def test_a_recording_that_begins_at_time_zero_can_be_tracked_again(tmp_path):

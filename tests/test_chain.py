@@ -10,6 +10,7 @@ import pytest
 from scenes import (
     BLUE,
     CAMERA,
+    COUNTED,
     ORANGE,
     PERIOD_NS,
     RADIUS_M,
@@ -61,7 +62,7 @@ def hidden(index, cover=None):
 
 
 def started(config=None, first=0, **how):
-    chain = MarkerChain(SPEC, CAMERA, config or ChainConfig(), **how)
+    chain = MarkerChain(SPEC, CAMERA, config or ChainConfig(policy=COUNTED), **how)
     chain.seed(bgr_frame(moving(first), first), truth(path(first)))
     return chain
 
@@ -244,7 +245,7 @@ def test_uncertainty_grows_while_the_filter_stands_in():
 
 @pytest.mark.parametrize("lost_after", [3, 5, 8])
 def test_so_many_unverified_frames_in_a_row_mean_lost_and_then_there_is_no_pose(lost_after):
-    chain = started(ChainConfig(policy=PolicyConfig(lost_after=lost_after)))
+    chain = started(ChainConfig(policy=PolicyConfig(lost_after=lost_after, lost_radii=0)))
     steps(chain, range(1, 12))
     missed = steps(chain, range(12, 12 + lost_after + 4), hidden)
     assert statuses(missed) == ["ESTIMATED"] * (lost_after - 1) + ["LOST"] * 5
@@ -549,7 +550,7 @@ def test_looking_twice_changes_nothing(image_of):
 
 
 def test_velocity_is_none_until_two_measurements_say_something_of_it():
-    chain = MarkerChain(SPEC, CAMERA, ChainConfig())
+    chain = MarkerChain(SPEC, CAMERA, ChainConfig(policy=COUNTED))
     assert chain.seed(bgr_frame(moving(0), 0), truth(path(0))).velocity_cam_mps is None
     assert steps(chain, [1], hidden)[0].velocity_cam_mps is None
     assert steps(chain, [2])[0].velocity_cam_mps is not None

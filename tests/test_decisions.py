@@ -10,6 +10,7 @@ import pytest
 from scenes import (
     BLUE,
     CAMERA,
+    COUNTED,
     GREEN,
     ORANGE,
     PERIOD_NS,
@@ -37,6 +38,7 @@ from spheremcap.positioning.sphere import PositionConfig
 from spheremcap.session import Session, SessionConfig
 from spheremcap.tracking import follower
 from spheremcap.verification.matching import MATCHERS
+from spheremcap.verification.reacquired import Reacquired
 
 SPEC = MarkerSpec("wrist", 2 * RADIUS_M)
 HERO4 = PRESETS["gopro-hero4-black-720p240-narrow"]
@@ -59,7 +61,7 @@ def empty(i):
 
 
 def seeded(ball=gliding, image=seen, config=None, camera=CAMERA, **how):
-    chain = MarkerChain(SPEC, camera, config or ChainConfig(), **how)
+    chain = MarkerChain(SPEC, camera, config or ChainConfig(policy=COUNTED), **how)
     chain.seed(bgr_frame(image(0), 0), truth(ball(0), camera))
     return chain
 
@@ -220,6 +222,25 @@ def test_a_marker_found_again_says_nothing_of_the_optics_until_it_is_foreseen(mo
     found = [e.circle for e in estimates if e.status is Status.VERIFIED]
     again = next(e.circle for e in estimates if e.frame_index >= 14 and e.status is Status.VERIFIED)
     assert taught == [circle for circle in found if circle != again]
+
+
+def test_what_a_lost_marker_is_found_as_has_to_be_confirmed_and_a_followed_one_has_not(monkeypatch):
+    asked = []
+
+    def never(self, looks, last):
+        asked.append(last)
+        return [replace(look, doubts=("unconfirmed",)) for look in looks]
+
+    chain = seeded()
+    monkeypatch.setattr(Reacquired, "confirmed", never)
+    estimates = steps(chain, range(1, 8)) + steps(chain, range(8, 14), empty)
+    assert all(e.status is Status.VERIFIED for e in estimates[:7])
+    lost = chain.whereabouts.circle
+    back = steps(chain, range(14, 20))
+    assert {e.status for e in back} == {Status.LOST}
+    assert {e.reasons for e in back} == {("unconfirmed",)}
+    assert asked
+    assert all(last == lost for last in asked)
 
 
 # -- bounds before work ----------------------------------------------------------------------------
@@ -447,7 +468,7 @@ def test_requests_carry_the_reasons_since_the_first_miss_most_frequent_first():
     def image(i):
         return picture(*([standing(i)] if i < 5 else [ball_at(142, 120, 15)] if i < 7 else []), noise_seed=i)
 
-    session = Session(CAMERA, PAIR[:1], [Seed("wrist", 0, truth(standing(0)))])
+    session = Session(CAMERA, PAIR[:1], [Seed("wrist", 0, truth(standing(0)))], ChainConfig(policy=COUNTED))
     results = list(session.run(bgr_frame(image(i), i) for i in range(11)))
     reasons = [r.estimates[0].reasons for r in results]
     assert reasons[5:10] == [("gate",), ("gate",), ("no outline",), ("no outline",), ("no outline",)]
@@ -462,7 +483,7 @@ def test_reasons_of_an_earlier_gap_do_not_come_into_a_request():
         alike = i in (5, 6)
         return picture(*([ball_at(142, 120, 15)] if alike else [standing(i)] if i < 12 else []), noise_seed=i)
 
-    session = Session(CAMERA, PAIR[:1], [Seed("wrist", 0, truth(standing(0)))])
+    session = Session(CAMERA, PAIR[:1], [Seed("wrist", 0, truth(standing(0)))], ChainConfig(policy=COUNTED))
     results = list(session.run(bgr_frame(image(i), i) for i in range(18)))
     (request,) = [q for r in results for q in r.requests]
     assert request.reasons == ("no outline",)

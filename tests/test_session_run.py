@@ -6,7 +6,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from scenes import CAMERA, GREEN, ORANGE, PERIOD_NS, RADIUS_M, Ball, bgr_frame, picture, truth
+from scenes import CAMERA, COUNTED, GREEN, ORANGE, PERIOD_NS, RADIUS_M, Ball, bgr_frame, picture, truth
+from spheremcap.chain import ChainConfig
 from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import Status
 from spheremcap.core.frame import BgrFrame
@@ -55,6 +56,7 @@ def lone(*more, **how):
 
 
 def session(seeds=BOTH, lag=60, markers=MARKERS, **how):
+    how = {"chain": ChainConfig(policy=COUNTED)} | how
     return Session(CAMERA, markers, seeds, config=SessionConfig(smoother_lag_frames=lag), **how)
 
 

@@ -54,13 +54,22 @@ Progress = Callable[[int, int | None], None]
 
 
 def resolve_camera(
-    settings: CameraSettings, width_px: int, height_px: int, folder: Path, found: Camera | None = None
+    settings: CameraSettings,
+    width_px: int,
+    height_px: int,
+    folder: Path,
+    found: Camera | None = None,
+    pixel_aspect: float = 1.0,
 ) -> tuple[Camera, bool, str]:
     """The camera for pictures of this size, whether its metres may be given out, and a note for the user.
 
     `found` is the calibration beside the pictures, for when the settings name no camera. A calibration for another
-    size of the same shape is scaled. Raises UsageError for an unknown preset or a camera of another shape.
+    size of the same shape is scaled. `pixel_aspect` is how much wider than high a pixel is: a calibration for pictures
+    of square pixels is then squeezed to those that are stored, so that a sphere is as it is seen in them. Raises
+    UsageError for an unknown preset or a camera of another shape.
     """
+    square_px = round(width_px * pixel_aspect)
+    shape = "" if square_px == width_px else f"; pixels are {pixel_aspect:.4g} times as wide as high, as the video says"
     if settings.preset is not None:
         if settings.preset not in PRESETS:
             raise UsageError(f"unknown camera preset {settings.preset!r}; there are: {', '.join(PRESETS)}")
@@ -82,7 +91,7 @@ def resolve_camera(
         note = "camera from the settings"
     elif found is not None:
         camera, note = found, f"camera from {found.source}"
-    elif (width_px, height_px) == (1280, 720):
+    elif (square_px, height_px) == (1280, 720):
         camera = PRESETS["gopro-hero4-black-720p240-narrow"]
         note = (
             "no camera given: 1280x720 is taken for gopro-hero4-black-720p240-narrow, "
@@ -90,8 +99,10 @@ def resolve_camera(
         )
     else:
         note = "no camera given: circles are written, positions in metres are not; give --camera"
-        return assumed_camera(width_px, height_px), False, note
+        return assumed_camera(square_px, height_px).scaled(width_px, height_px), False, note + shape
     if (camera.width_px, camera.height_px) != (width_px, height_px):
+        if square_px != width_px and camera.width_px * height_px == camera.height_px * square_px:
+            return camera.scaled(width_px, height_px), True, note + shape
         if abs(camera.width_px * height_px - camera.height_px * width_px) > max(width_px, height_px):
             raise UsageError(
                 f"the camera is for {camera.width_px}x{camera.height_px}, the pictures are {width_px}x{height_px}: "
@@ -179,7 +190,9 @@ class _Camera:
                 )
         self._first_seed = min(seeds, key=lambda seed: seed.frame_index, default=None)
         beside = None if settings.camera.given else view.calibration
-        camera, metric, camera_note = resolve_camera(settings.camera, source.width_px, source.height_px, folder, beside)
+        camera, metric, camera_note = resolve_camera(
+            settings.camera, source.width_px, source.height_px, folder, beside, source.pixel_aspect
+        )
         self._encode, video_note = _picture_maker(settings, view)
         self._notes = [camera_note, video_note, *view.notes]
         self._specs = [m.spec() for m in settings.markers]

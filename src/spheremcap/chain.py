@@ -11,6 +11,7 @@ an exception. Nothing here reads files, logs or draws.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -35,6 +36,7 @@ from spheremcap.detection.edge import EdgeConfig
 from spheremcap.detection.hough import HoughConfig
 from spheremcap.detection.optics import OpticsLearner
 from spheremcap.detection.outline import Outline
+from spheremcap.detection.shading import Shading
 from spheremcap.positioning.kalman import KalmanConfig, Moment
 from spheremcap.positioning.sphere import PositionConfig
 from spheremcap.positioning.whereabouts import Whereabouts
@@ -43,6 +45,7 @@ from spheremcap.tracking.kcf import KcfConfig
 from spheremcap.tracking.points import PointsConfig
 from spheremcap.verification.jury import JuryConfig
 from spheremcap.verification.matching import MatchingConfig
+from spheremcap.verification.reacquired import Reacquired
 from spheremcap.verification.verifier import Prior, Verifier, uncovered
 
 
@@ -73,6 +76,7 @@ class _Seeded:
 
     follower: Follower
     appearance: Appearance
+    shading: Shading
     verifier: Verifier
 
 
@@ -101,6 +105,7 @@ class MarkerChain:
         self.whereabouts = Whereabouts(spec.radius_m, camera, config.kalman, config.position)
         outline = Outline(spec.radius_m, camera, config.edge, config.position)
         self._detector = Detector(outline, config.hough, config.colour, config.acquire)
+        self._again = Reacquired()
         self._stages: _Seeded | None = None
         self._expected: Expected | None = None
         self._stamp_ns, self._interval_s = 0, 1 / 30  # until two stamps say more
@@ -114,10 +119,11 @@ class MarkerChain:
         verifier = Verifier(
             patch, measured.circle, appearance, config.jury, config.matching, colour=config.colour.enabled
         )
-        self._stages, self._stamp_ns, self._expected = _Seeded(follower, appearance, verifier), frame.stamp_ns, None
+        self._stages = _Seeded(follower, appearance, Shading(config.edge.rays), verifier)
+        self._stamp_ns, self._expected = frame.stamp_ns, None
         self.optics.seeded(measured)
         self.whereabouts.accept(frame.stamp_ns, measured, again=True)
-        self._learn(patch, measured.circle)
+        self._learn(frame, patch, measured)
         self.status = Status.SEEDED
         return replace(self._estimate(frame, None, measured), claim=circle, search=patch.window)
 
@@ -151,12 +157,12 @@ class MarkerChain:
             return ()
         expected = self._expected
         patch = stages.follower.patch(frame, expected.circle, expected.reach_px)
-        found = self._detector.at_prediction(frame, patch, expected, stages.appearance)
+        found = self._detector.at_prediction(frame, patch, expected, stages.appearance, stages.shading)
         if self.config.when_sure == "run" or not _sure(found.claim, expected):
             followed = stages.follower.follow(patch, expected)
-            found = self._detector.detect(frame, patch, expected, followed, found, stages.appearance)
+            found = self._detector.detect(frame, patch, expected, followed, found, stages.appearance, stages.shading)
         surprise, growth = (0.0, 1.0) if found.claim is None else where.surprise(found.claim, None)
-        prior = Prior(expected.circle, expected.reach_px, False, expected.circle, growth, surprise)
+        prior = Prior(expected.circle, expected.reach_px, False, expected.circle, growth, surprise, self.misses > 0)
         return (stages.verifier.look(patch, found, prior),)
 
     def _search(self, frame: Frame) -> tuple[Look, ...]:
@@ -173,12 +179,15 @@ class MarkerChain:
             surprise, growth = where.surprise(found.claim, absence)
             around = candidate.resized(found.claim.circle.r_px)
             reach_px, expected = 0.75 * candidate.r_px, candidate.resized(last.r_px)
-            looks.append(stages.verifier.look(patch, found, Prior(around, reach_px, True, expected, growth, surprise)))
+            prior = Prior(around, reach_px, True, expected, growth, surprise, missed=True)
+            looks.append(stages.verifier.look(patch, found, prior))
         return tuple(looks)
 
     def settle(self, frame: Frame, looks: Sequence[Look], taken: Sequence[Circle] = ()) -> MarkerEstimate:
         """Decide what the looks at this frame mean, given the circles of markers settled before, and learn from it."""
         looks = [uncovered(look, taken) for look in looks]
+        if not self.status.tracked:
+            looks = self._again.confirmed(looks, self.whereabouts.circle)
         for look in looks:
             if look.claim is not None and not look.doubts:
                 self._accept(frame, look.claim, look)
@@ -189,22 +198,22 @@ class MarkerChain:
 
     def _accept(self, frame: Frame, claim: Measured, look: Look) -> None:
         """Learn from a verified circle: filter, template, brightness, size; and the camera's optics."""
+        assert self._stages is not None
         self.whereabouts.accept(frame.stamp_ns, claim, again=not self.status.tracked)
-        self._learn(look.patch, claim.circle)
+        self._learn(frame, look.patch, claim)
         self.status = Status.VERIFIED
         if self._expected is not None:
             rate_px, interval_s = self._expected.rate_px, self._expected.interval_s
-            explained = self._detector.outline.explained
-            self.optics.learn(
-                self.spec.name, claim, rate_px, interval_s, lambda motions: explained(frame, claim, motions)
-            )
+            misfits = partial(self._detector.outline.misfits, frame, claim, self._stages.shading.profile)
+            self.optics.learn(self.spec.name, claim, rate_px, interval_s, misfits)
 
-    def _learn(self, patch: Patch, circle: Circle) -> None:
+    def _learn(self, frame: Frame, patch: Patch, claim: Measured) -> None:
         assert self._stages is not None
-        self.misses = 0
-        self._stages.verifier.learn(patch, circle)
-        self._stages.follower.learn(patch, circle)
-        self._stages.appearance.follow(patch, circle)
+        stages, circle, self.misses = self._stages, claim.circle, 0
+        stages.verifier.learn(patch, circle)
+        stages.follower.learn(patch, circle)
+        stages.appearance.follow(patch, circle)
+        stages.shading.follow(*self._detector.outline.light(frame, claim))
 
     def _miss(self, frame: Frame, look: Look | None) -> None:
         """No verified circle: the Kalman filter stands in, until the marker counts as lost or out of view."""
@@ -216,6 +225,7 @@ class MarkerChain:
             gone=self.status.tracked and self.whereabouts.gone(frame),
             misses=self.misses,
             away_s=(frame.stamp_ns - self.whereabouts.seen.stamp_ns) / NS_PER_S,
+            unsure_radii=self.whereabouts.unsure_radii,
         )
         self.status = next_status(self.status, sight, self.config.policy)
 

@@ -11,7 +11,8 @@ import pytest
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
 
-from scenes import CAMERA, GREEN, ORANGE, RADIUS_M, Ball, bgr_frame, picture, truth, yuv_frame
+from scenes import CAMERA, COUNTED, GREEN, ORANGE, RADIUS_M, Ball, bgr_frame, picture, truth, yuv_frame
+from spheremcap.chain import ChainConfig
 from spheremcap.core import compiled
 from spheremcap.core.camera import Camera
 from spheremcap.core.frame import BgrFrame, YuvFrame
@@ -69,7 +70,9 @@ def test_no_frame_of_any_layout_makes_a_kernel_compile_again(frame_of, rotated):
 
     markers = [MarkerSpec("one", 2 * RADIUS_M), MarkerSpec("two", 2 * RADIUS_M)]
     with event.install_recorder("numba:compile") as heard:
-        results = list(Session(camera, markers, seeds, keep_view=lambda estimate: True).run(frames()))
+        results = list(
+            Session(camera, markers, seeds, ChainConfig(policy=COUNTED), keep_view=lambda estimate: True).run(frames())
+        )
     assert heard.buffer == []
     statuses = [[e.status.value for e in r.estimates] for r in results]
     assert {"VERIFIED", "LOST"} <= {one for one, _ in statuses}

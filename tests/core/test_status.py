@@ -10,12 +10,19 @@ from hypothesis import strategies as st
 from spheremcap.core.status import PolicyConfig, Sight, Status, next_status
 
 POLICY = PolicyConfig()
-MISSED = Sight(rejected=False, gone=False, misses=1, away_s=0.0)
+MISSED = Sight(rejected=False, gone=False, misses=1, away_s=0.0, unsure_radii=1.0)
 TRACKED = (Status.SEEDED, Status.VERIFIED, Status.ESTIMATED)
 AWAY = (Status.LOST, Status.OUT_OF_VIEW)
 
 statuses = st.sampled_from(Status)
-sights = st.builds(Sight, st.booleans(), st.booleans(), misses=st.integers(1, 50), away_s=st.floats(0, 1e4))
+sights = st.builds(
+    Sight,
+    st.booleans(),
+    st.booleans(),
+    misses=st.integers(1, 50),
+    away_s=st.floats(0, 1e4),
+    unsure_radii=st.floats(0, 9),
+)
 policies = st.builds(
     PolicyConfig, lost_after=st.integers(1, 20), immediate=st.booleans(), out_of_view_s=st.floats(0, 100)
 )
@@ -43,6 +50,15 @@ def test_so_many_misses_in_a_row_mean_lost_and_one_fewer_does_not(status, lost_a
     assert next_status(status, replace(MISSED, misses=lost_after), policy) is Status.LOST
     assert next_status(status, replace(MISSED, misses=lost_after + 1), policy) is Status.LOST
     assert next_status(status, replace(MISSED, misses=lost_after - 1), policy) is Status.ESTIMATED
+
+
+@pytest.mark.parametrize("status", TRACKED)
+def test_the_filter_stands_in_however_long_as_long_as_it_knows_the_place_to_a_radius(status):
+    for misses in (5, 50, 500):
+        assert next_status(status, replace(MISSED, misses=misses, unsure_radii=0.99), POLICY) is Status.ESTIMATED
+        assert next_status(status, replace(MISSED, misses=misses, unsure_radii=1.0), POLICY) is Status.LOST
+    sure_enough = PolicyConfig(lost_radii=0.5)
+    assert next_status(status, replace(MISSED, misses=5, unsure_radii=0.6), sure_enough) is Status.LOST
 
 
 def test_five_misses_are_the_default():

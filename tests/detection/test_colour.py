@@ -351,3 +351,14 @@ def test_disc_pixels_are_those_within_the_share_and_inside_the_picture():
             expected = px >= 0 and np.hypot(px - 3, py - 30) <= 8
             assert mask[y, x] == expected
     assert len(disc_pixels(patch, circle, 0.8)) == mask.sum()
+
+
+def test_a_strap_or_print_of_no_hue_does_not_widen_the_markers_hue():
+    """A fifth of the pixels are nearly black, their hues by chance."""
+    rng = np.random.default_rng(3)
+    ball = np.stack([rng.normal(28, 2, 800), rng.normal(200, 12, 800), rng.normal(190, 20, 800)], axis=1)
+    strap = np.stack([rng.uniform(0, 180, 200), rng.uniform(20, 200, 200), rng.uniform(8, 30, 200)], axis=1)
+    both = np.clip(np.concatenate([ball, strap]), 0, 255).astype(np.uint8)
+    box = learn_box(both, ColourConfig())
+    assert box.hue_half < 12
+    assert abs(box.hue_mean - 28) < 3

@@ -27,7 +27,8 @@ from spheremcap.core.frame import Frame, Patch, Window
 from spheremcap.core.marker import MarkerSpec
 from spheremcap.detection.colour import ColourConfig, disc_pixels, learn_box
 from spheremcap.detection.edge import EdgeConfig, find_edges
-from spheremcap.positioning.sphere import circle_of_sphere, fit_sphere, outline_px
+from spheremcap.detection.outline import Outline, close_px
+from spheremcap.positioning.sphere import PositionConfig, circle_of_sphere, fit_sphere, outline_px
 
 SPEC = MarkerSpec("marker", 2 * RADIUS_M)
 COLOURS = (ORANGE, GREEN, BLUE)
@@ -62,14 +63,15 @@ def edges_of(frame, ball, off=(0.6, -0.4), **how):
 # -- the compiled loop and its reference -----------------------------------------------------------
 
 
-def both(frame: Frame, ball, blur, coarse, limits=None, config=None, thinned=True):
+def both(frame: Frame, ball, blur, coarse, limits=None, config=None, thinned=True, shading=None):
     """What the compiled loop finds half a pixel off the truth, and what the reference does, on the rays of both; how
     many rays only one of them has."""
     config, circle = config or EdgeConfig(), truth(ball)
     outline = outline_px(np.array(ball.xyz), RADIUS_M, CAMERA, config.rays) + np.array([0.5, -0.3])
     reach = 0.2 * circle.r_px + 1 if coarse else max(1.5, 0.05 * circle.r_px)
     where = (frame, outline, circle.r_px, reach, np.array(blur, float), limits, config, coarse)
-    ours, other = find_edges(*where), reference.find_edges(*where, thinned=thinned)
+    learnt = {} if shading is None else {"shading": shading}
+    ours, other = find_edges(*where, **learnt), reference.find_edges(*where, thinned=thinned, **learnt)
     assert ours is not None
     assert other is not None
     assert ours.rays == other.rays
@@ -418,3 +420,48 @@ def test_a_background_as_bright_on_one_side_and_as_coloured_on_the_other_costs_n
     off = np.hypot(*(found.points_px - (circle.x_px, circle.y_px)).T) - 20
     assert len(off) > 62
     assert np.median(np.abs(off)) < 0.15
+
+
+# -- shading of earlier frames, softness and exposure ------------------------------------------------
+
+
+@pytest.mark.parametrize(("r", "blur"), [(20.0, (0.0, 0.0)), (12.0, (3.0, 1.0))])
+def test_learnt_shading_is_taken_in_as_its_form_in_numpy_does(r, blur):
+    rings, turn = np.linspace(0, 1, 25)[:, None], 2 * np.pi * np.arange(EdgeConfig().rays)[None] / EdgeConfig().rays
+    shading = (1 + 0.6 * rings * np.cos(turn) - 0.2 * rings**2).astype(np.float32)
+    ball = ball_at(150.0, 118.0, r)
+    frame = yuv_frame(picture(ball, noise=1.0))
+    with_it = both(frame, ball, blur, False, shading=shading)
+    assert_equal(with_it)
+    without = both(frame, ball, blur, False)
+    assert np.abs(with_it[0][0].offset_px.mean() - without[0][0].offset_px.mean()) > 1e-3
+
+
+@pytest.mark.parametrize("frame_of", [bgr_frame, yuv_frame])
+def test_misfits_are_their_form_in_numpy(frame_of):
+    ball, way = ball_at(150.0, 118.0, 18.0), np.array([5.0, 4.0])
+    circle, config, frame = truth(ball), EdgeConfig(), frame_of(picture(ball, noise=1.0))
+    outline = Outline(RADIUS_M, CAMERA, config, PositionConfig())
+    claim = outline.first_look(frame, circle)
+    softnesses, exposures = (1.0, 1.6, 2.4), (0.0, 0.5, 1.0)
+    found = outline.misfits(frame, claim, np.empty((0, 0), np.float32), way, softnesses, exposures)
+    shown = np.zeros(config.rays, bool)
+    shown[claim.edges.ray[claim.edge_weights > 0.3]] = True
+    around = outline_px(claim.xyz_cam_m, RADIUS_M, CAMERA, config.rays)
+    for i, softness in enumerate(softnesses):
+        for j, share in enumerate(exposures):
+            squares: list = []
+            reference.find_edges(
+                frame, around, claim.circle.r_px, close_px(claim.circle), share * way, None, config, way_px=way,
+                squares=squares, sigma_px=softness * config.blur_sigma_px,
+            )  # fmt: skip
+            expected = np.log(squares[0] + squares[1] + 1e-7)[shown].mean()
+            assert found[i, j] == pytest.approx(expected, abs=0.03)
+
+
+def test_misfits_are_not_asked_where_hardly_any_outline_is_seen():
+    ball = ball_at(150.0, 118.0, 18.0)
+    frame = bgr_frame(picture(ball))
+    outline = Outline(RADIUS_M, CAMERA, EdgeConfig(), PositionConfig())
+    claim = outline.clicked(truth(ball))  # it has no edges
+    assert outline.misfits(frame, claim, np.empty((0, 0), np.float32), np.array([9.0, 0.0]), (1.0,), (0.0,)) is None

@@ -13,11 +13,10 @@ from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import Status
 from spheremcap.core.look import EdgePoints, Measured
 from spheremcap.core.marker import MarkerSpec, Seed
-from spheremcap.core.optics import AT_REST, Motion
+from spheremcap.core.optics import AT_REST
 from spheremcap.core.time import NS_PER_S
 from spheremcap.detection.edge import EdgeConfig
-from spheremcap.detection.optics import EXPOSURES, OpticsLearner
-from spheremcap.detection.outline import SOFTNESS
+from spheremcap.detection.optics import LENSES, OpticsLearner
 from spheremcap.session import Session
 
 INTERVAL_S = PERIOD_NS / NS_PER_S
@@ -39,8 +38,8 @@ def outline(outside, motion=AT_REST, visible=1.0, proposer="prediction", r_px=24
     )  # fmt: skip
 
 
-def nothing(motions):
-    return np.zeros(len(motions))
+def nothing(way_px, softnesses, exposures):
+    return None
 
 
 def learner(exposure_s=0.0, readout_s=None, learn_blur=True):
@@ -153,22 +152,23 @@ def test_a_given_readout_is_never_changed(given_s):
 # -- exposure, by formula --------------------------------------------------------------------------
 
 
-def explained_best_at(share, way_px, gain=0.05, scatter=0.0, seed=0):
-    """As outlines do that are blurred over this share of the way."""
+def misfit_least_at(share, softness=1.6, gain=0.5, scatter=0.0, seed=0):
+    """As outlines do that are blurred over this share of the way, through a lens of this softness."""
     rng = np.random.default_rng(seed)
 
-    def explained(motions):
-        shares = np.array([np.hypot(*m.blur_px) for m in motions]) / np.hypot(*way_px)
-        return 0.95 - gain * (shares - share) ** 2 + scatter * rng.standard_normal(len(motions))
+    def misfits(way_px, softnesses, exposures):
+        soft, share_of = np.log(np.array(softnesses) / softness)[:, None], np.array(exposures)[None]
+        found = gain * (share_of - share) ** 2 + 4 * gain * soft**2 - 6.0
+        return found + scatter * rng.standard_normal(found.shape)
 
-    return explained
+    return misfits
 
 
 def move(optics, share, way_px=(0.0, 12.0), claims=40, visible=1.0, **how):
     rate_px = np.array(way_px) / INTERVAL_S
-    explained = explained_best_at(share, way_px, **how)
+    misfits = misfit_least_at(share, **how)
     for _ in range(claims):
-        optics.learn("m", outline(np.zeros(48), visible=visible), rate_px, INTERVAL_S, explained)
+        optics.learn("m", outline(np.zeros(48), visible=visible), rate_px, INTERVAL_S, misfits)
     return optics.now(INTERVAL_S).exposure_s / INTERVAL_S
 
 
@@ -180,7 +180,7 @@ def test_the_exposure_is_the_one_that_explains_the_outlines_best(share):
 def test_a_sharp_outline_has_no_exposure_to_learn():
     assert move(learner(learn_blur=False), 0.0) == 0.0
     for seed in range(20):  # nor has noise
-        assert move(learner(learn_blur=False), 0.0, gain=0.01, scatter=0.0005, seed=seed) == 0.0
+        assert move(learner(learn_blur=False), 0.0, gain=0.1, scatter=0.005, seed=seed) == 0.0
 
 
 def test_two_looks_are_too_few():
@@ -188,10 +188,26 @@ def test_two_looks_are_too_few():
     assert move(learner(learn_blur=False), 0.5, claims=3) == pytest.approx(0.5, abs=0.02)
 
 
-def test_a_slow_marker_and_a_part_of_one_teach_no_exposure():
-    assert move(learner(learn_blur=False), 0.5, way_px=(3.0, 4.0)) == 0.0
-    assert move(learner(learn_blur=False), 0.5, way_px=(3.1, 4.1)) > 0.4
-    assert move(learner(learn_blur=False), 0.5, visible=0.59) == 0.0
+def test_a_slow_marker_is_looked_at_seldom_and_a_part_of_one_never():
+    asked = []
+
+    def misfits(way_px, softnesses, exposures):
+        asked.append(way_px)
+        return misfit_least_at(0.5)(way_px, softnesses, exposures)
+
+    def watched(way_px, visible=1.0):
+        asked.clear()
+        optics = learner()
+        for _ in range(40):
+            optics.learn(
+                "m", outline(np.zeros(48), visible=visible), np.array(way_px) / INTERVAL_S, INTERVAL_S, misfits
+            )
+        return len(asked)
+
+    assert watched((3.0, 4.0)) == 3  # the 3rd, the 8th, the 24th
+    assert watched((3.1, 4.1)) == 7  # the 1st to the 3rd, the 8th, the 12th, the 24th, the 36th
+    assert watched((3.1, 4.1), visible=0.59) == 0
+    assert watched((60.0, 0.0)) == 0  # a streak so long that its blur is bounded tells no exposure
 
 
 def test_a_given_exposure_is_never_changed():
@@ -210,17 +226,9 @@ def test_an_exposure_of_other_frames_is_forgotten_by_and_by():
 # -- softness, by formula --------------------------------------------------------------------------
 
 
-def soft_like(*scores):
-    def explained(motions):
-        assert [m.softness for m in motions] == list(SOFTNESS)
-        return np.array(scores)
-
-    return explained
-
-
-def stand(optics, explained, claims=3):
+def stand(optics, misfits, claims=3):
     for _ in range(claims):
-        optics.learn("m", outline(np.zeros(48)), np.zeros(2), INTERVAL_S, explained)
+        optics.learn("m", outline(np.zeros(48)), np.zeros(2), INTERVAL_S, misfits)
     return optics.now(INTERVAL_S).softness
 
 
@@ -229,8 +237,8 @@ def test_softness_is_the_seeds_until_three_clear_claims_say_more():
     assert optics.now(INTERVAL_S).softness == 1.0
     optics.seeded(outline(np.zeros(48), replace(AT_REST, softness=2.4)))
     assert optics.now(INTERVAL_S).softness == 2.4
-    assert stand(optics, soft_like(0.8, 0.9, 0.85, 0.8), claims=2) == 2.4
-    assert stand(optics, soft_like(0.8, 0.9, 0.85, 0.8), claims=1) == 1.6
+    assert stand(optics, misfit_least_at(0.0), claims=2) == 2.4
+    assert stand(optics, misfit_least_at(0.0), claims=1) == 1.6
     optics.seeded(outline(np.zeros(48), replace(AT_REST, softness=3.6)))  # a correction does not begin anew
     assert optics.now(INTERVAL_S).softness == 1.6
 
@@ -241,13 +249,38 @@ def test_a_seed_of_which_little_is_seen_says_nothing_of_softness():
     assert optics.now(INTERVAL_S).softness == 1.0
 
 
-def test_of_blurs_about_as_good_the_sharpest_is_taken():
-    assert stand(learner(), soft_like(0.80, 0.891, 0.90, 0.895)) == 1.6
-    assert stand(learner(), soft_like(0.80, 0.889, 0.90, 0.895)) == 2.4
+@pytest.mark.parametrize("softness", LENSES)
+def test_the_softness_is_the_one_that_explains_the_outlines_best(softness):
+    assert stand(learner(), misfit_least_at(0.0, softness, gain=20.0)) == softness
+
+
+def test_of_lenses_about_as_good_a_sharper_one_is_taken():
+    assert stand(learner(), misfit_least_at(0.0, 2.4, gain=0.02)) < 2.4
+
+
+def test_softness_and_exposure_are_learnt_together():
+    """Each alone would do for the other: a soft lens for a long exposure, as far as one direction tells."""
+    optics = learner()
+    assert move(optics, 0.5) == pytest.approx(0.5, abs=0.03)
+    assert optics.now(INTERVAL_S).softness == 1.6
+
+
+def test_a_given_exposure_is_the_only_one_that_is_tried():
+    asked = []
+
+    def misfits(way_px, softnesses, exposures):
+        asked.append(tuple(exposures))
+        return misfit_least_at(0.5)(way_px, softnesses, exposures)
+
+    optics = learner(exposure_s=0.3 * INTERVAL_S)
+    for _ in range(3):
+        optics.learn("m", outline(np.zeros(48)), np.array([0.0, 12.0]) / INTERVAL_S, INTERVAL_S, misfits)
+    assert asked == [(pytest.approx(0.3),)] * 3
+    assert optics.now(INTERVAL_S).softness == 1.6
 
 
 def test_without_learning_the_lens_is_as_the_settings_say():
-    assert stand(learner(learn_blur=False), soft_like(0.1, 0.2, 0.3, 0.4), claims=10) == 1.0
+    assert stand(learner(learn_blur=False), misfit_least_at(0.0, 2.4, gain=20.0), claims=10) == 1.0
 
 
 # -- rendered --------------------------------------------------------------------------------------
@@ -303,7 +336,7 @@ def range_errors(estimates):
     return np.array([np.linalg.norm(e.xyz_cam_m) / np.linalg.norm(swinging(e.frame_index).xyz) - 1 for e in estimates])
 
 
-@pytest.mark.parametrize(("share", "within"), [(0.0, 1e-9), (0.6, 0.06), (0.9, 0.09)])
+@pytest.mark.parametrize(("share", "within"), [(0.0, 1e-9), (0.6, 0.1), (0.9, 0.1)])
 def test_exposure_is_learnt_on_a_blurred_marker_and_not_on_a_sharp_one(share, within):
     chain, _ = tracked(lambda i: blurred(i, share), 28, readout_s=0.0)
     assert chain.optics.now(INTERVAL_S).exposure_s / INTERVAL_S == pytest.approx(share, abs=within)
@@ -311,10 +344,10 @@ def test_exposure_is_learnt_on_a_blurred_marker_and_not_on_a_sharp_one(share, wi
 
 @pytest.mark.parametrize("true_s", [READOUT_S, -READOUT_S, 0.0])
 def test_readout_is_learnt_on_rolled_frames_and_left_at_zero_on_global_ones(true_s):
-    chain, estimates = tracked(lambda i: rolled(i, true_s), 170)
+    chain, estimates = tracked(lambda i: rolled(i, true_s), 230)
     found = chain.optics.now(INTERVAL_S).readout_s
     assert found == (0.0 if true_s == 0 else pytest.approx(true_s, rel=0.25))
-    assert range_errors(estimates[130:]).std() < 0.004
+    assert range_errors(estimates[190:]).std() < 0.005
 
 
 def test_two_markers_of_one_camera_share_what_is_learnt():
@@ -332,7 +365,7 @@ def test_two_markers_of_one_camera_share_what_is_learnt():
     assert left == right == pytest.approx(0.6 * INTERVAL_S, rel=0.15)
 
 
-@pytest.mark.parametrize(("sigma_px", "learn", "softness"), [(0, True, 1.0), (2.5, True, 2.4), (2.5, False, 1.0)])
+@pytest.mark.parametrize(("sigma_px", "learn", "softness"), [(0, True, 1.6), (2.5, True, 3.6), (2.5, False, 1.0)])
 def test_a_lens_out_of_focus_is_found_to_be_soft(sigma_px, learn, softness):
     ball = ball_at(160, 120, 12)
     chain = MarkerChain(MarkerSpec("m", 2 * RADIUS_M), CAMERA, ChainConfig(edge=EdgeConfig(learn_blur=learn)))
@@ -361,16 +394,3 @@ def test_a_doubted_claim_teaches_nothing(monkeypatch):
     assert len(doubted) >= 3
     assert all(e.claim is not None for e in doubted)
     assert [c.circle for c in taught] == [e.circle for e in estimates if e.status is Status.VERIFIED]
-
-
-def test_trials_are_blurs_along_the_way_from_none_to_all_of_it():
-    asked: list[list[Motion]] = []
-
-    def explained(motions):
-        asked.append(motions)
-        return np.zeros(len(motions))
-
-    way_px = np.array([6.0, -8.0])
-    learner(learn_blur=False).learn("m", outline(np.zeros(48)), way_px / INTERVAL_S, INTERVAL_S, explained)
-    (motions,) = asked
-    np.testing.assert_allclose([m.blur_px for m in motions], [share * way_px for share in EXPOSURES])

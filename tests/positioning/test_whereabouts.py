@@ -226,3 +226,36 @@ def test_a_formula_changes_what_is_reported_and_not_the_filter(formula, off):
     assert np.linalg.norm(placed - (0.1, 0.05, 0.8)) <= off or formula == "thesis"
     assert (np.linalg.norm(placed - (0.1, 0.05, 0.8)) > off) == (formula == "thesis")
     np.testing.assert_allclose(where.track.now.xyz_cam_m, (0.1, 0.05, 0.8), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "x", "y"),
+    [
+        ((3.0, 0, 0), (160, 320), None), ((-3.0, 0, 0), (0, 160), None),
+        ((0, 3.0, 0), None, (120, 240)), ((0, -3.0, 0), None, (0, 120)),
+    ],
+)  # fmt: skip
+def test_one_that_left_is_looked_for_in_the_half_on_the_side_that_it_went_out_of(velocity, x, y):
+    where = moving((0.0, 0.0, 0.8), velocity, frames=8, kalman=KalmanConfig())
+    frame = frame_at(where.seen.stamp_ns + 20 * STEP_NS)
+    region = where.absence(frame, left=True).region.clipped(frame.width_px, frame.height_px)
+    assert region.width > 0
+    assert region.height > 0
+    if x is not None:
+        assert x[0] <= region.x
+        assert region.x + region.width <= x[1]
+    if y is not None:
+        assert y[0] <= region.y
+        assert region.y + region.height <= y[1]
+    whole = where.absence(frame, left=False).region.clipped(frame.width_px, frame.height_px)
+    assert whole.width * whole.height > region.width * region.height
+
+
+def test_it_says_how_unsure_it_is_sideways_in_radii():
+    where = moving((0.0, 0.0, 0.8), (0.5, 0.0, 0.0))
+    before = where.unsure_radii
+    for k in range(1, 40):
+        where.track.predict(where.seen.stamp_ns + k * STEP_NS)
+    covariance = where.track.now.covariance
+    assert where.unsure_radii == pytest.approx(max(covariance[0, 0], covariance[1, 1]) ** 0.5 / RADIUS_M)
+    assert where.unsure_radii > 10 * before

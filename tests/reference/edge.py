@@ -7,6 +7,8 @@ that the lens and the known motion make (a Gaussian, swept along the blur) expla
 Brightness and chroma are weighed by their own evidence, ray by ray.
 """
 
+from typing import Any
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -37,11 +39,16 @@ def find_edges(
     config: EdgeConfig,
     coarse: bool = False,
     thinned: bool = True,
+    shading: FloatArray | None = None,
+    way_px: FloatArray | None = None,
+    squares: list[FloatArray] | None = None,
+    sigma_px: float | None = None,
 ) -> EdgePoints | None:
     """Edge points near an expected outline (image pixels, (N, 2), clockwise on screen); None when there is no contrast.
 
     The arguments are those of `spheremcap.detection.edge.find_edges`; not `thinned`: the part of a ray that is deep in
-    the marker has places as close together as the part around the edge.
+    the marker has places as close together as the part around the edge. With `way_px` the samples reach as far as that
+    blur needs, and `squares` gets the squares (N,) that are left, as `spheremcap.detection.edge.misfits_into` has them.
     """
     count = len(outline_px)
     ring = np.concatenate([outline_px[-1:], outline_px, outline_px[:1]])
@@ -52,7 +59,7 @@ def find_edges(
     across, along = normal @ blur_px, tangent @ blur_px
     sigma = config.blur_sigma_px + 0.5 * config.chroma_sigma_px
     margin = sigma + 0.2
-    half_blur = np.abs(across) / 2
+    half_blur = np.abs(across if way_px is None else normal @ way_px) / 2
     outer = reach_px + margin + float(half_blur.max())
     inner = min(max(outer, 0.6 * r_px), 0.95 * r_px)
     step = _STEP * (1 if r_px < 40 else 2) * (2 if coarse else 1) * (1 if half_blur.max() < 2 else 1.4)
@@ -99,11 +106,13 @@ def find_edges(
     v = np.arange(uu[0] - shift[-1], uu[-1] - shift[0] + fine / 2, fine)  # edge-centred abscissa
     if config.shading and not coarse:
         limb = _limb(to_linear(samples[..., 0]), u, r_px, deep & inside[:, None], close, v)
+        if shading is not None:
+            limb = _taken_in(shading, u, r_px, close, v, limb)
     else:
         limb = np.ones((count, len(v)))
     chroma_sigma = config.chroma_sigma_px * (1 if frame.planes.grid[0] > 1 else _READ_PLAINLY)
     expected = _profile(
-        v, limb, colour_in, colour_out, across, along, r_px, config.blur_sigma_px, chroma_sigma
+        v, limb, colour_in, colour_out, across, along, r_px, sigma_px or config.blur_sigma_px, chroma_sigma
     )  # (N, V, 3)
     # Template for shift k at sample m: abscissa u_m - shift_k.
     index = (
@@ -119,19 +128,21 @@ def find_edges(
         data = data - data.mean(axis=1, keepdims=True)
         template = np.einsum("nvc,nc->nv", (expected - expected[:, -1:])[..., part], along_it)[:, index]  # (N, K, m)
         template = template - template.mean(axis=2, keepdims=True)
-        squares = np.maximum(np.einsum("nkm,nkm->nk", template, template), 1e-9)
-        rise = np.einsum("nkm,nm->nk", template, data) / squares  # step seen over step expected
+        power_of = np.maximum(np.einsum("nkm,nkm->nk", template, template), 1e-9)
+        rise = np.einsum("nkm,nm->nk", template, data) / power_of  # step seen over step expected
         whole = (data * data).sum(axis=1)
-        sse = np.maximum(whole[:, None] - squares * rise**2, 0)
+        sse = np.maximum(whole[:, None] - power_of * rise**2, 0)
+        if squares is not None:
+            squares.append(sse.min(axis=1))
         own = sse.min(axis=1) / max(1, len(uu) - 3)
         variance = np.maximum((own + np.sort(own)[count // 2]) / 2, config.noise**2)
         texture, shading = (np.einsum("nc,cd,nd->n", along_it, s[part, part], along_it) for s in (textured, shaded))
         variance = variance + _TEXTURE * texture + _CARRIED * (2 * depth[:, 0] / r_px) ** 2 * shading
         # The posterior of the step's height, about 1: its squares and what is left of them.
         held = (variance / _STEP_SD**2)[:, None]
-        height = np.maximum((rise * squares + held) / (squares + held), 0)
-        cost = cost + (sse + squares * held / (squares + held) * (rise - 1) ** 2) / variance[:, None] / shared
-        power = power + height**2 * squares / variance[:, None] / shared
+        height = np.maximum((rise * power_of + held) / (power_of + held), 0)
+        cost = cost + (sse + power_of * held / (power_of + held) * (rise - 1) ** 2) / variance[:, None] / shared
+        power = power + height**2 * power_of / variance[:, None] / shared
         seen, left_over = seen + whole / variance, left_over + sse.min(axis=1) / variance
     best = cost.argmin(axis=1)
     rows = np.arange(count)
@@ -218,6 +229,18 @@ def _marker_coloured(frame: Frame, at: FloatArray, limits: FloatArray) -> npt.ND
         planes = np.stack([_bilinear(y, xy), _bilinear(u, chroma), _bilinear(v, chroma)], axis=-1)
         own += inside(limits, hsv_of(np.clip(planes @ to_bgr[:, :3].T + to_bgr[:, 3], 0, 255)))
     return own >= 3
+
+
+def _taken_in(
+    shading: FloatArray, u: FloatArray, r_px: float, close: Any, v: FloatArray, limb: FloatArray
+) -> FloatArray:
+    """The geometric mean of a frame's limb (N, V) and the one that earlier frames showed, (rings, N)."""
+    rings = np.linspace(0, 1, len(shading))
+    on_rays = np.array([np.interp(1 + u / r_px, rings, ray) for ray in shading.T])
+    here = (on_rays * close).sum(axis=1) / np.maximum(close.sum(axis=1), 1)
+    learnt = np.array([np.interp(1 + v / r_px, rings, ray) for ray in shading.T]) / np.maximum(here, 1e-6)[:, None]
+    both = np.sqrt(limb * np.clip(learnt, 0.1, 4))
+    return np.where(close.any(axis=1)[:, None], both, limb)  # type: ignore[no-any-return]
 
 
 def _limb(

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from scenes import BLUE, CAMERA, ORANGE, RADIUS_M, Ball, Cover, ball_at, bgr_frame, picture, truth
+from scenes import BLUE, CAMERA, COUNTED, ORANGE, RADIUS_M, Ball, Cover, ball_at, bgr_frame, picture, truth
 from spheremcap.chain import ChainConfig, MarkerChain
 from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import Status
@@ -180,7 +180,7 @@ def test_two_that_cover_half_each_do_not_cover_it_together():
 
 def follow(scene, marker, count, config=None):
     """Seed on frame 0 and follow: `scene(i)` is the picture, `marker(i)` the true ball."""
-    chain = MarkerChain(MarkerSpec("marker", 2 * RADIUS_M), CAMERA, config or ChainConfig())
+    chain = MarkerChain(MarkerSpec("marker", 2 * RADIUS_M), CAMERA, config or ChainConfig(policy=COUNTED))
     estimates = [chain.seed(bgr_frame(scene(0), 0), truth(marker(0)))]
     return estimates + [chain.step(bgr_frame(scene(i), i)) for i in range(1, count)]
 

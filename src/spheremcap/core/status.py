@@ -32,7 +32,10 @@ class Status(Enum):
 class PolicyConfig(StageConfig):
     """When a marker is lost and how far it is looked for (docs/method.md section 5)."""
 
-    lost_after: int = Field(5, ge=1, description="unverified frames in a row that mean LOST")
+    lost_after: int = Field(5, ge=1, description="unverified frames in a row that mean LOST, at least")
+    lost_radii: float = Field(
+        1.0, ge=0, description="and the filter's deviation sideways from which it no longer stands in, radii; ours"
+    )
     immediate: bool = Field(False, description="true: lost at the first sum below TH2 (thesis line 1143)")
     out_of_view_s: float = Field(1.0, ge=0, description="seconds out of the picture before it counts as LOST")
 
@@ -41,12 +44,14 @@ class PolicyConfig(StageConfig):
 class Sight:
     """A frame without a verified circle: whether the claim was `rejected` (votes below TH2, or nothing to claim);
     whether the marker is surely `gone` from the picture; how many frames in a row were not verified (`misses`, this one
-    included), and how long ago the last verified one was."""
+    included), how long ago the last verified one was, and how unsure the filter is of its place sideways, standard
+    deviation in radii."""
 
     rejected: bool
     gone: bool
     misses: int
     away_s: float
+    unsure_radii: float
 
 
 def next_status(status: Status, sight: Sight, policy: PolicyConfig) -> Status:
@@ -55,6 +60,7 @@ def next_status(status: Status, sight: Sight, policy: PolicyConfig) -> Status:
         return Status.LOST if sight.away_s > policy.out_of_view_s else status
     if sight.gone:
         return Status.OUT_OF_VIEW
-    if sight.misses >= policy.lost_after or (policy.immediate and sight.rejected):
+    given_up = sight.misses >= policy.lost_after and sight.unsure_radii >= policy.lost_radii
+    if given_up or (policy.immediate and sight.rejected):
         return Status.LOST
     return Status.ESTIMATED

@@ -15,6 +15,7 @@ from spheremcap.core.sampling import hsv_of
 from spheremcap.core.stage import StageConfig
 
 HUES = 180  # OpenCV's hue circle: 0..179, two degrees a step
+_NO_HUE = 0.15  # of the median product of saturation and value: below it a hue is chance
 
 
 class ColourConfig(StageConfig):
@@ -137,6 +138,9 @@ def learn_box(hsv: npt.NDArray[np.uint8], config: ColourConfig) -> ColourBox:
     hue_mean = float(np.angle(np.exp(1j * angle).mean()) * HUES / (2 * np.pi)) % HUES
     hue_off = (pixels[:, 0] - hue_mean + HUES / 2) % HUES - HUES / 2
     grey = pixels[:, 1].mean() < config.grey_saturation
+    # A strap or a print that is nearly black or white has a hue by chance: it must not widen the marker's.
+    chroma = pixels[:, 1] * pixels[:, 2]
+    hue_off[chroma < _NO_HUE * np.median(chroma)] = 0
     mean = np.array([0.0, pixels[:, 1].mean(), pixels[:, 2].mean()])
     off = np.stack([hue_off, pixels[:, 1] - mean[1], pixels[:, 2] - mean[2]], axis=1)
     sigma = np.maximum(np.sqrt((off**2).mean(axis=0)), 1e-6)

@@ -14,6 +14,7 @@ from spheremcap.detection.colour import ColourConfig, box_mask, colour_circle
 from spheremcap.detection.hough import HoughConfig, hough_circles
 from spheremcap.detection.optics import BLUR_SHOWS_PX, EXPOSURES
 from spheremcap.detection.outline import Outline, clearness, close_px
+from spheremcap.detection.shading import Shading
 
 Proposals = tuple[tuple[str, Circle], ...]
 
@@ -41,13 +42,15 @@ class Detector:
         agrees = measured is not None and measured.circle.dice(circle) >= 0.7
         return measured if measured is not None and agrees else self.outline.clicked(circle)
 
-    def at_prediction(self, frame: Frame, patch: Patch, expected: Expected, appearance: Appearance) -> Detected:
+    def at_prediction(
+        self, frame: Frame, patch: Patch, expected: Expected, appearance: Appearance, shading: Shading
+    ) -> Detected:
         """What the edges close to the expected circle say; no claim where the filter is not sure enough of it."""
         limits, claim = self._limits(patch, expected.circle, appearance), None
         if expected.spread_px < max(2.0, 0.15 * expected.circle.r_px):
             close = close_px(expected.circle)
             claim = self.outline.sharpened(
-                frame, expected.circle, "prediction", close, expected.motion, limits, expected
+                frame, expected.circle, "prediction", close, expected.motion, limits, expected, shading.profile
             )
         return Detected((("prediction", expected.circle),), (), limits, claim)
 
@@ -59,6 +62,7 @@ class Detector:
         followed: Circle,
         close: Detected,
         appearance: Appearance,
+        shading: Shading,
     ) -> Detected:
         """What this frame shows of a marker that is expected somewhere and that KCF follows to a circle; `close` is
         what is there `at_prediction`, which counts where both agree."""
@@ -72,9 +76,9 @@ class Detector:
         proposals += (("hough", hough[0]),) if hough else ()
         claim = close.claim if agree else None
         if claim is None or claim.visible < 0.6:
-            claim = self.outline.longest(frame, proposals, motion, limits, expected)
+            claim = self.outline.longest(frame, proposals, motion, limits, expected, shading.profile)
         if not expected.exposure_known and (claim is None or claim.visible <= 0.5):
-            claim = self._at_other_exposures(frame, expected, proposals, limits, claim)
+            claim = self._at_other_exposures(frame, expected, proposals, limits, shading, claim)
         return Detected(proposals, hough, limits, claim)
 
     def _limits(self, patch: Patch, circle: Circle, appearance: Appearance) -> FloatArray | None:
@@ -90,6 +94,7 @@ class Detector:
         expected: Expected,
         proposals: Proposals,
         limits: FloatArray | None,
+        shading: Shading,
         claim: Measured | None,
     ) -> Measured | None:
         """The clearest claim over other exposure times, for an outline that is hard to see while the marker moves."""
@@ -98,7 +103,7 @@ class Detector:
             return claim
         for share in EXPOSURES:
             motion = replace(expected.motion, blur_px=bounded_blur(way_px * share, expected.circle))
-            other = self.outline.longest(frame, proposals, motion, limits, expected)
+            other = self.outline.longest(frame, proposals, motion, limits, expected, shading.profile)
             if clearness(other) > clearness(claim) + 0.02:
                 claim = other
         return claim

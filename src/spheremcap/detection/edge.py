@@ -14,13 +14,14 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from spheremcap.core.compiled import BOOL, F8, PLANE, array, inner, kernel
+from spheremcap.core.compiled import BOOL, F4, F8, PLANE, array, inner, kernel
 from spheremcap.core.frame import Frame
 from spheremcap.core.linear import inverse3, middle
 from spheremcap.core.look import EdgePoints
 from spheremcap.core.sampling import GRID, bgr_at, clipped, hsv_of, level_at, soft_levels_at
 from spheremcap.core.stage import StageConfig
 from spheremcap.detection.colour import in_box
+from spheremcap.detection.shading import Rings
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -51,6 +52,7 @@ _TEXTURE = 0.0125  # share of the background's variance along the outline that i
 _CARRIED = 0.2  # share of the shading's variance that is, where shading has to be carried on by half the radius
 _READ_PLAINLY = 0.87  # of chroma's blur is left where every pixel has its own and no spline is needed
 _NO_LIMITS = np.empty(0)
+_NO_SHADING = np.empty((0, 0), np.float32)
 
 
 def edge_params(config: EdgeConfig) -> FloatArray:
@@ -73,20 +75,23 @@ def find_edges(
     config: EdgeConfig,
     coarse: bool = False,
     sigma_px: float | None = None,
+    shading: Rings = _NO_SHADING,
 ) -> EdgePoints | None:
     """Edge points near an expected outline (image pixels, (N, 2), clockwise on screen); None when there is no contrast.
 
     `reach_px` is how far from the outline an edge may be; `blur_px` (2,) the motion during the exposure;
     `limits` the colours of the marker (`ColourBox.limits`; edges whose inner side has others are left out), or None;
     `sigma_px` the blur of lens and codec where it is not the config's.
-    `coarse` samples at half the density and leaves the shading out: a quarter of the work, for a first look.
+    `coarse` samples at half the density and leaves the shading out: a quarter of the work, for a first look. `shading`
+    is what is known of it from earlier frames (`Shading.profile`, with N rays).
     """
     outline = np.ascontiguousarray(outline_px, np.float64)
     count = len(outline)
     points, sd, ray, offset = np.empty((count, 2)), np.empty(count), np.empty(count), np.empty(count)
     found, rays, explained = _find_edges(
         *frame.planes, outline, r_px, reach_px, blur_px[0], blur_px[1], _NO_LIMITS if limits is None else limits,
-        config.blur_sigma_px if sigma_px is None else sigma_px, edge_params(config), coarse, points, sd, ray, offset,
+        config.blur_sigma_px if sigma_px is None else sigma_px, edge_params(config), coarse, shading,
+        points, sd, ray, offset,
     )  # fmt: skip
     if found == 0:
         return None
@@ -96,8 +101,9 @@ def find_edges(
 
 @inner
 def edges_into(
-    y, u, v, grid, outline, r_px, reach_px, blur_x, blur_y, limits, sigma, params, coarse, points, sd, ray, offset
-):
+    y, u, v, grid, outline, r_px, reach_px, blur_x, blur_y, limits, sigma, params, coarse, shading,
+    points, sd, ray, offset,
+):  # fmt: skip
     """`find_edges` into the first places of `points` (N, 2), `sd`, `ray` and `offset` (N,): how many there are (0 for
     none), how many rays lay inside the picture, and the share of the profiles that the step explains.
 
@@ -108,39 +114,10 @@ def edges_into(
     across, along = np.empty(count, np.float32), np.empty(count, np.float32)
     soft = sigma + 0.5 * params[0]
     margin = soft + 0.2
-    widest, in_picture = 0.0, 0
-    for n in range(count):
-        before, after = outline[n - 1 if n > 0 else count - 1], outline[n + 1 if n + 1 < count else 0]
-        tx, ty = after[0] - before[0], after[1] - before[1]
-        length = math.sqrt(tx * tx + ty * ty)
-        tx, ty = tx / length, ty / length
-        normal[n, 0], normal[n, 1] = ty, -tx
-        across[n], along[n] = ty * blur_x - tx * blur_y, tx * blur_x + ty * blur_y
-        widest = max(widest, abs(across[n]) / 2.0)
-        whole = True
-        for side in (-margin, margin):
-            x, row = outline[n, 0] + side * ty, outline[n, 1] - side * tx
-            whole = whole and 0.0 <= x <= y.shape[1] - 1 and 0.0 <= row <= y.shape[0] - 1
-        inside[n] = 1.0 if whole else 0.0
-        in_picture += whole
+    widest, in_picture = _set_rays(y, outline, blur_x, blur_y, margin, normal, inside, across, along)
     if in_picture < 8:
         return 0, in_picture, 0.0
-
-    # Places along a ray: even steps as far as the edge can be, wider ones further in where they would be many.
-    outer = reach_px + margin + widest
-    deepest = min(max(outer, 0.6 * r_px), 0.95 * r_px)
-    step = _STEP * (1.0 if r_px < 40.0 else 2.0) * (2.0 if coarse else 1.0) * (1.0 if widest < 2.0 else 1.4)
-    far_steps, near_steps = int(math.ceil(outer / step)), int(math.floor(outer / step))
-    close_in = min(near_steps, int(math.ceil(deepest / step)))
-    stride = max(1, int(math.ceil((deepest / step - close_in) / _DEEP)))
-    deep_steps = max(0, int(math.ceil((deepest / step - close_in) / stride)))
-    place = np.empty(deep_steps + close_in + 1 + far_steps, np.float32)
-    for k in range(deep_steps):
-        place[k] = -(close_in + (deep_steps - k) * stride) * step
-    for k in range(close_in + 1 + far_steps):
-        place[deep_steps + k] = (k - close_in) * step
-    near = close_in + 1 + near_steps  # the places, from `deep_steps` on, where the edge may be
-
+    place, step, deepest, deep_steps, near = _places(r_px, reach_px + margin + widest, widest, coarse)
     samples = np.empty((3, len(place), count), np.float32)
     _sample(y, u, v, grid, outline, normal, place, deep_steps, samples)
     depth, beyond = np.empty(count, np.float32), np.empty(count, np.float32)
@@ -163,6 +140,8 @@ def edges_into(
     limb = np.ones((length, count), np.float32)
     if params[4] > 0.0 and not coarse:
         _set_limb(samples[0], place, r_px, depth, inside, v_first, fine, limb)
+        if len(shading) > 0:
+            _take_in(shading, place, r_px, depth, v_first, fine, limb)
     chroma_sigma = params[0] if grid[0] > 1.0 else _READ_PLAINLY * params[0]
     shapes = np.empty((2, length, count), np.float32)
     _set_shapes(v_first, fine, limb, colour_in, colour_out, direction, across, along, r_px, sigma, chroma_sigma, shapes)
@@ -207,6 +186,115 @@ def edges_into(
     return found, in_picture, 1.0 - left_power / max(seen_power, 1e-12)
 
 
+@inner
+def misfits_into(
+    y, u, v, grid, outline, r_px, reach_px, way_x, way_y, softnesses, exposures, sigma, params, shading, shown, out
+):
+    """How badly each softness of the lens and exposure time explain the profiles across an outline (N, 2), into `out`
+    (softnesses, exposures): the mean logarithm of the squares that are left, over the rays (N,) that `shown` an edge.
+    False where there are too few.
+
+    It falls by as much as the likelihood rises, were all candidates to explain the same samples: these reach as far as
+    the longest exposure needs. A lens blurs all rays alike, motion those across it: so each is told from the other.
+    `way_x`, `way_y` is the motion in a frame interval, of which the exposures are shares; the rest as in `find_edges`.
+    """
+    count = len(outline)
+    normal, inside = np.empty((count, 2)), np.empty(count, np.float32)
+    across, along = np.empty(count, np.float32), np.empty(count, np.float32)
+    margin = sigma + 0.5 * params[0] + 0.2
+    widest, _ = _set_rays(y, outline, way_x, way_y, margin, normal, inside, across, along)
+    used = 0
+    for n in range(count):
+        used += shown[n] and inside[n] > 0.0
+    if used < 8:
+        return False
+    place, step, deepest, deep_steps, near = _places(r_px, reach_px + margin + widest, widest, False)
+    samples = np.empty((3, len(place), count), np.float32)
+    _sample(y, u, v, grid, outline, normal, place, deep_steps, samples)
+    depth, beyond = np.empty(count, np.float32), np.empty(count, np.float32)
+    for n in range(count):
+        clear = margin + abs(across[n]) / 2.0
+        depth[n] = min(clear + 0.5 * reach_px, 0.6 * deepest)
+        beyond[n] = clear + 0.5 * reach_px - 0.5
+    colour_in, colour_out = np.zeros((3, count), np.float32), np.zeros((3, count), np.float32)
+    _levels(samples, place, depth, beyond, r_px, colour_in, colour_out)
+    direction, varies = np.empty((3, count), np.float32), np.empty((2, count), np.float32)
+    _directions(
+        samples, place, depth, r_px, inside, colour_in, colour_out, params[2], params[5] > 0.0, direction, varies
+    )
+    fine = step / 2.0
+    shifts = 2 * int(math.ceil(reach_px / fine)) + 1
+    v_first = place[deep_steps] - (shifts // 2) * fine
+    length = 2 * (near - 1) + shifts
+    limb = np.ones((length, count), np.float32)
+    if params[4] > 0.0:
+        _set_limb(samples[0], place, r_px, depth, inside, v_first, fine, limb)
+        if len(shading) > 0:
+            _take_in(shading, place, r_px, depth, v_first, fine, limb)
+    chroma_sigma = params[0] if grid[0] > 1.0 else _READ_PLAINLY * params[0]
+    shapes, window = np.empty((2, length, count), np.float32), samples[:, deep_steps : deep_steps + near]
+    sse, rise = np.empty((shifts, count), np.float32), np.empty((shifts, count), np.float32)
+    expected = np.empty((shifts, count), np.float32)
+    whole, luma, chroma = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+    for i in range(len(softnesses)):
+        for j in range(len(exposures)):
+            share = np.float32(exposures[j])
+            _set_shapes(
+                v_first, fine, limb, colour_in, colour_out, direction, share * across, share * along, r_px,
+                sigma * softnesses[i], chroma_sigma, shapes,
+            )  # fmt: skip
+            _set_squares(window[:1], direction[:1], shapes[0], sse, rise, expected, whole, luma)
+            _set_squares(window[1:], direction[1:], shapes[1], sse, rise, expected, whole, chroma)
+            total = 0.0
+            for n in range(count):
+                if shown[n] and inside[n] > 0.0:
+                    total += math.log(luma[n] + chroma[n] + 1e-7)
+            out[i, j] = total / used
+    return True
+
+
+@inner
+def _set_rays(y, outline, blur_x, blur_y, margin, normal, inside, across, along):
+    """The rays' outward normals (N, 2), whether they lie inside the picture (N,), and the blur across and along the
+    outline (N,); half of the widest, and how many rays lie inside."""
+    count = len(outline)
+    widest, in_picture = 0.0, 0
+    for n in range(count):
+        before, after = outline[n - 1 if n > 0 else count - 1], outline[n + 1 if n + 1 < count else 0]
+        tx, ty = after[0] - before[0], after[1] - before[1]
+        length = math.sqrt(tx * tx + ty * ty)
+        tx, ty = tx / length, ty / length
+        normal[n, 0], normal[n, 1] = ty, -tx
+        across[n], along[n] = ty * blur_x - tx * blur_y, tx * blur_x + ty * blur_y
+        widest = max(widest, abs(across[n]) / 2.0)
+        whole = True
+        for side in (-margin, margin):
+            x, row = outline[n, 0] + side * ty, outline[n, 1] - side * tx
+            whole = whole and 0.0 <= x <= y.shape[1] - 1 and 0.0 <= row <= y.shape[0] - 1
+        inside[n] = 1.0 if whole else 0.0
+        in_picture += whole
+    return widest, in_picture
+
+
+@inner
+def _places(r_px, outer, widest, coarse):
+    """Places along a ray, as far out as `outer`: even steps as far as the edge can be, wider ones further in where they
+    would be many. The places, the step, how deep they reach, how many there are further in, and of the even ones, how
+    many from there on are where the edge may be."""
+    deepest = min(max(outer, 0.6 * r_px), 0.95 * r_px)
+    step = _STEP * (1.0 if r_px < 40.0 else 2.0) * (2.0 if coarse else 1.0) * (1.0 if widest < 2.0 else 1.4)
+    far_steps, near_steps = int(math.ceil(outer / step)), int(math.floor(outer / step))
+    close_in = min(near_steps, int(math.ceil(deepest / step)))
+    stride = max(1, int(math.ceil((deepest / step - close_in) / _DEEP)))
+    deep_steps = max(0, int(math.ceil((deepest / step - close_in) / stride)))
+    place = np.empty(deep_steps + close_in + 1 + far_steps, np.float32)
+    for k in range(deep_steps):
+        place[k] = -(close_in + (deep_steps - k) * stride) * step
+    for k in range(close_in + 1 + far_steps):
+        place[deep_steps + k] = (k - close_in) * step
+    return place, step, deepest, deep_steps, close_in + 1 + near_steps
+
+
 _BGR_TO_YCC = np.array(
     [
         [0.114, 0.587, 0.299],
@@ -227,37 +315,11 @@ def _match(window, direction, shape, varies, noise, shared, cost, power, seen, l
     the squares before and after.
     """
     shifts, count = cost.shape
-    parts, places = window.shape[:2]
-    data, mean = np.zeros((places, count), np.float32), np.zeros(count, np.float32)
-    whole, least = np.zeros(count, np.float32), np.full(count, np.float32(np.inf))
-    for m in range(places):
-        for c in range(parts):
-            for n in range(count):
-                data[m, n] += window[c, m, n] * direction[c, n]
-        for n in range(count):
-            mean[n] += data[m, n]
-    for m in range(places):
-        for n in range(count):
-            data[m, n] -= mean[n] / np.float32(places)
-            whole[n] += data[m, n] * data[m, n]
-    like, squares, plain = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+    places = window.shape[1]
+    whole, least = np.empty(count, np.float32), np.empty(count, np.float32)
     sse, rise = np.empty((shifts, count), np.float32), np.empty((shifts, count), np.float32)
     expected = np.empty((shifts, count), np.float32)
-    for k in range(shifts):
-        like[:] = 0.0
-        squares[:] = 0.0
-        plain[:] = 0.0
-        for m in range(places):
-            template, profile = shape[shifts - 1 - k + 2 * m], data[m]
-            for n in range(count):
-                like[n] += template[n] * profile[n]
-                squares[n] += template[n] * template[n]
-                plain[n] += template[n]
-        for n in range(count):
-            expected[k, n] = max(squares[n] - plain[n] * plain[n] / np.float32(places), np.float32(1e-9))
-            rise[k, n] = like[n] / expected[k, n]  # step seen over step expected
-            sse[k, n] = max(whole[n] - like[n] * rise[k, n], np.float32(0.0))
-            least[n] = min(least[n], sse[k, n])
+    _set_squares(window, direction, shape, sse, rise, expected, whole, least)
     free = np.float32(max(1, places - 3))
     usual = middle(least.copy(), count) / free
     for n in range(count):
@@ -272,6 +334,44 @@ def _match(window, direction, shape, varies, noise, shared, cost, power, seen, l
             step = max((rise[k, n] * expected[k, n] + held) / both, np.float32(0.0))
             cost[k, n] += (sse[k, n] + expected[k, n] * held / both * off * off) / (variance * np.float32(shared))
             power[k, n] += step * step * expected[k, n] / (variance * np.float32(shared))
+
+
+@inner
+def _set_squares(window, direction, shape, sse, rise, expected, whole, least):
+    """The squares of profiles, level free, before (`whole`, (N,)) and after the step `shape` (V, N) is taken out of
+    them at each shift (`sse`, (K, N), and the `least` of it); the step that is seen over the one expected (`rise`), and
+    the latter's square (`expected`). `window` and `direction` as in `_match`."""
+    shifts, count = sse.shape
+    parts, places = window.shape[:2]
+    data, mean = np.zeros((places, count), np.float32), np.zeros(count, np.float32)
+    whole[:] = 0.0
+    least[:] = np.float32(np.inf)
+    for m in range(places):
+        for c in range(parts):
+            for n in range(count):
+                data[m, n] += window[c, m, n] * direction[c, n]
+        for n in range(count):
+            mean[n] += data[m, n]
+    for m in range(places):
+        for n in range(count):
+            data[m, n] -= mean[n] / np.float32(places)
+            whole[n] += data[m, n] * data[m, n]
+    like, squares, plain = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+    for k in range(shifts):
+        like[:] = 0.0
+        squares[:] = 0.0
+        plain[:] = 0.0
+        for m in range(places):
+            template, profile = shape[shifts - 1 - k + 2 * m], data[m]
+            for n in range(count):
+                like[n] += template[n] * profile[n]
+                squares[n] += template[n] * template[n]
+                plain[n] += template[n]
+        for n in range(count):
+            expected[k, n] = max(squares[n] - plain[n] * plain[n] / np.float32(places), np.float32(1e-9))
+            rise[k, n] = like[n] / expected[k, n]
+            sse[k, n] = max(whole[n] - like[n] * rise[k, n], np.float32(0.0))
+            least[n] = min(least[n], sse[k, n])
 
 
 @inner
@@ -475,6 +575,38 @@ def _set_limb(luma, place, r_px, depth, inside, v_first, fine, limb):
 
 
 @inner
+def _take_in(shading, place, r_px, depth, v_first, fine, limb):
+    """The geometric mean of the limb (V, N) that this frame shows and the one that earlier frames showed on each ray.
+
+    One curve for all rays cannot know which side lies in shade; what was learnt feeds on the circle it was learnt with.
+    Their errors have opposite signs.
+    """
+    count = limb.shape[1]
+    here, own = np.zeros(count, np.float32), np.zeros(count, np.float32)
+    band = np.float32(0.15 * r_px + 0.5)
+    for k in range(len(place)):
+        for n in range(count):
+            if _deep(place[k], depth[n], r_px) and place[k] > -depth[n] - band:
+                here[n] += _shade(shading, place[k], r_px, n)
+                own[n] += np.float32(1.0)
+    for n in range(count):
+        here[n] = max(here[n] / max(own[n], np.float32(1.0)), np.float32(1e-6))
+    for k in range(len(limb)):
+        for n in range(count):
+            if own[n] > 0.0:
+                value = _shade(shading, v_first + k * fine, r_px, n) / here[n]
+                limb[k, n] = math.sqrt(limb[k, n] * min(max(value, np.float32(0.1)), np.float32(4.0)))
+
+
+@inner
+def _shade(shading, place, r_px, n):
+    """The light of a ray at a place on it, from rings that reach from its middle to the edge."""
+    at = min(max(1.0 + place / r_px, 0.0), 1.0) * (len(shading) - 1)
+    k = min(int(at), len(shading) - 2)
+    return shading[k, n] + np.float32(at - k) * (shading[k + 1, n] - shading[k, n])
+
+
+@inner
 def _towards(place, r_px):
     """The share of a sphere's normal towards the camera at a place on a ray across its outline; 0 outside."""
     depth = min(max(1.0 + place / r_px, 0.0), 1.0)
@@ -641,12 +773,14 @@ def to_linear(code):
 
 
 @kernel(
-    None, PLANE, PLANE, PLANE, GRID, array(F8, 2), F8, F8, F8, F8, array(F8, 1), F8, array(F8, 1), BOOL,
+    None, PLANE, PLANE, PLANE, GRID, array(F8, 2), F8, F8, F8, F8, array(F8, 1), F8, array(F8, 1), BOOL, array(F4, 2),
     F8[:, ::1], F8[::1], F8[::1], F8[::1], at_import=False,
 )  # fmt: skip
 def _find_edges(
-    y, u, v, grid, outline, r_px, reach_px, blur_x, blur_y, limits, sigma, params, coarse, points, sd, ray, offset
-):
+    y, u, v, grid, outline, r_px, reach_px, blur_x, blur_y, limits, sigma, params, coarse, shading,
+    points, sd, ray, offset,
+):  # fmt: skip
     return edges_into(
-        y, u, v, grid, outline, r_px, reach_px, blur_x, blur_y, limits, sigma, params, coarse, points, sd, ray, offset
-    )
+        y, u, v, grid, outline, r_px, reach_px, blur_x, blur_y, limits, sigma, params, coarse, shading,
+        points, sd, ray, offset,
+    )  # fmt: skip

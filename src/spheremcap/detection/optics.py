@@ -5,8 +5,9 @@ doubt: a learnt parameter that is wrong does more harm than one that is left out
 """
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -14,20 +15,24 @@ import numpy.typing as npt
 from spheremcap.core.compiled import F8, I8, array, inner, kernel
 from spheremcap.core.linear import inverse3
 from spheremcap.core.look import Measured
-from spheremcap.core.optics import Motion, Optics, bounded_blur
-from spheremcap.detection.outline import SOFTNESS
+from spheremcap.core.optics import Optics, bounded_blur
 
 FloatArray = npt.NDArray[np.float64]
-Explained = Callable[[list[Motion]], FloatArray]
-"""How well each of some motions explains the profiles across an outline, in [0, 1] (`Outline.explained`)."""
+Misfits = Callable[[FloatArray, Sequence[float], Sequence[float]], FloatArray | None]
+"""How badly softnesses and exposures explain the profiles across a claim's outline (`Outline.misfits`)."""
 
 EXPOSURES = (0.0, 0.15, 0.3, 0.5, 0.75, 1.0)
 """Exposure times that are tried, in frame intervals."""
+LENSES = (1.0, 1.3, 1.6, 2.0, 2.4, 3.0, 3.6)
+"""Softnesses that are tried with each of them, in units of the settings' `blur_sigma_px`."""
 BLUR_SHOWS_PX = 5.0  # motion in a frame interval from which blur can be told
 _CLEAR = 0.6  # share of the outline that a claim has to show to teach anything
 _BEYOND_DOUBT = 7.0  # standard deviations: what shading makes of an outline has reached six on a global shutter
+
 _LOOKS = 12  # as many looks are taken closely together; later ones are few, and old ones fade
-_SOFTNESS_LOOKS = (3, 8, 24, 72, 216, 648)  # after so many clear claims
+_SOFT = 0.3  # how unlikely a soft lens is: added to the misfit, times the squared logarithm of its softness
+_LATEST = 24  # so many looks are remembered
+_SLOW_LOOKS = (3, 8, 24, 72, 216, 648)  # after so many clear claims a look is taken whether it moves or not
 _SHARED = 16.0  # claims that share an error: neighbours in time
 _LEAST_CLAIMS = 60  # for a regression to be believed
 _WORST_CONDITION = 1e6  # of its normal equations
@@ -41,8 +46,9 @@ class OpticsLearner:
         `rows` is the picture's height in pixels."""
         self.rows = rows
         self.exposure_known = exposure_s > 0
-        self._given_exposure_s, self._given_readout_s, self._learn_blur = exposure_s, readout_s, learn_blur
-        self._exposure, self._softness = _Contest(len(EXPOSURES)), _Contest(len(SOFTNESS))
+        self._given_exposure_s, self._given_readout_s = exposure_s, readout_s
+        self._lenses = LENSES if learn_blur else (1.0,)
+        self._contest: _Contest | None = None  # of softness and exposure
         self._moving = self._clear = 0
         self._seed_softness = 1.0
         self._stretch: dict[str, _Stretch] = {}
@@ -52,16 +58,9 @@ class OpticsLearner:
     def now(self, interval_s: float) -> Optics:
         """The optics for frames that are `interval_s` apart."""
         if self._best is None:
-            self._best = self._exposure.best(EXPOSURES), self._soft()
+            self._best = (0.0, self._seed_softness) if self._contest is None else self._contest.best()
         exposure, softness = self._best
         return Optics(self._given_exposure_s or exposure * interval_s, *self._readout_s(interval_s), softness)
-
-    def _soft(self) -> float:
-        if self._softness.looks == 0:
-            return self._seed_softness
-        # The sharpest that is about as good as the best: too soft a step takes a dark limb for blur.
-        mean = self._softness.mean
-        return SOFTNESS[int((mean >= mean.max() - 0.01).argmax())]
 
     def _readout_s(self, interval_s: float) -> tuple[float, float]:
         """The readout time and its standard deviation, seconds: zero until the evidence is beyond doubt."""
@@ -76,22 +75,25 @@ class OpticsLearner:
 
     def seeded(self, claim: Measured) -> None:
         """A seed's outline says how soft the lens is until settled claims say more."""
-        if self._softness.looks == 0 and claim.visible > _CLEAR:
+        if self._contest is None and claim.visible > _CLEAR:
             self._seed_softness, self._best = claim.motion.softness, None
 
-    def learn(self, marker: str, claim: Measured, rate_px: FloatArray, interval_s: float, explained: Explained) -> None:
+    def learn(self, marker: str, claim: Measured, rate_px: FloatArray, interval_s: float, misfits: Misfits) -> None:
         """Learn from a marker's accepted claim; it moves at `rate_px` (2,), px/s, in frames `interval_s` apart."""
         if claim.visible < _CLEAR:
             return
         self._clear += 1
-        if self._learn_blur and self._clear in _SOFTNESS_LOOKS:
-            self._softness.add(explained([replace(claim.motion, softness=softness) for softness in SOFTNESS]))
-            self._best = None
-        if not self.exposure_known and math.hypot(rate_px[0], rate_px[1]) * interval_s > BLUR_SHOWS_PX:
+        way_px = rate_px * interval_s
+        due = self._clear in _SLOW_LOOKS
+        if math.hypot(way_px[0], way_px[1]) > BLUR_SHOWS_PX:
             self._moving += 1
-            if self._moving <= 3 or self._moving % (12 if self._exposure.looks < _LOOKS else 64) == 0:
-                trials = [bounded_blur(rate_px * (interval_s * share), claim.circle) for share in EXPOSURES]
-                self._exposure.add(explained([replace(claim.motion, blur_px=blur) for blur in trials]))
+            due = due or self._moving <= 3 or self._moving % (12 if self._moving <= 12 * _LOOKS else 64) == 0
+        if due and math.hypot(*bounded_blur(way_px, claim.circle)) >= math.hypot(*way_px):
+            exposures = (self._given_exposure_s / interval_s,) if self.exposure_known else EXPOSURES
+            found = misfits(way_px, self._lenses, exposures)
+            if found is not None:
+                self._contest = self._contest or _Contest(self._lenses, EXPOSURES)
+                self._contest.add(np.broadcast_to(found, (len(self._lenses), len(EXPOSURES))))
                 self._best = None
         if self._given_readout_s is None and claim.proposer == "prediction":
             own = self._stretch.setdefault(marker, _Stretch())
@@ -102,42 +104,41 @@ class OpticsLearner:
 
 
 class _Contest:
-    """Which of some candidates explains outlines best, over many looks; old looks fade."""
+    """Which softness and exposure explain outlines best together, over the latest looks."""
 
-    def __init__(self, candidates: int) -> None:
-        self.looks = 0
-        self._total, self._gain, self._gain2 = np.zeros(candidates), np.zeros(candidates), np.zeros(candidates)
-        self._weight = 0.0
+    def __init__(self, softnesses: Sequence[float], exposures: Sequence[float]) -> None:
+        self._softnesses, self._exposures = softnesses, exposures
+        self._misfits: deque[FloatArray] = deque(maxlen=_LATEST)
 
-    def add(self, explained: FloatArray) -> None:
-        self.looks += 1
-        keep = 1.0 if self.looks <= _LOOKS else 1 - 1 / _LOOKS
-        gain = explained - explained[0]
-        self._total = keep * self._total + explained
-        self._gain, self._gain2 = keep * self._gain + gain, keep * self._gain2 + gain * gain
-        self._weight = keep * self._weight + 1
+    def add(self, misfits: FloatArray) -> None:
+        """Take in one look's `Outline.misfits`."""
+        self._misfits.append(misfits)
 
-    @property
-    def mean(self) -> FloatArray:
-        return self._total / max(self._weight, 1e-9)
+    def best(self) -> tuple[float, float]:
+        """The exposure and the softness that are likeliest; no exposure unless one is better by more than the looks, of
+        which there are three at least, disagree, and leaves less than any softness alone."""
+        looks = np.stack(self._misfits)
+        plain = looks.mean(axis=0)
+        looks = looks + _SOFT * np.log(self._softnesses)[:, None] ** 2
+        mean = looks.mean(axis=0)
+        i, j = np.unravel_index(int(mean.argmin()), mean.shape)
+        still = int(mean[:, 0].argmin())
+        gain = looks[:, still, 0] - looks[:, i, j]
+        sure = len(looks) >= 3 and gain.mean() > 2 * gain.std() / len(looks) ** 0.5
+        if not sure or plain[i, j] >= plain[:, 0].min():
+            return self._exposures[0], self._softnesses[still]
+        return _lowest(self._exposures, mean[i], int(j)), self._softnesses[int(i)]
 
-    def best(self, values: tuple[float, ...]) -> float:
-        """The value that explains most, between the candidates by a parabola; the first one unless another is better
-        by more than its looks disagree."""
-        if self.looks < 3:
-            return values[0]
-        k = int(self.mean.argmax())
-        gain = self._gain[k] / self._weight
-        scatter = max(self._gain2[k] / self._weight - gain * gain, 1e-8)
-        if k == 0 or gain < 2 * (scatter / self._weight) ** 0.5:
-            return values[0]
-        if k == len(values) - 1:
-            return values[k]
-        (x0, x1, x2), (y0, y1, y2) = values[k - 1 : k + 2], self.mean[k - 1 : k + 2].tolist()
-        rise, fall = (y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1)
-        bend = (fall - rise) / (x2 - x0)
-        vertex = (x0 + x1) / 2 - rise / (2 * bend) if bend < 0 else x1
-        return float(np.clip(vertex, (x0 + x1) / 2, (x1 + x2) / 2))
+
+def _lowest(values: Sequence[float], misfit: FloatArray, k: int) -> float:
+    """Where the parabola through the lowest, k-th, of the misfits and its neighbours is lowest."""
+    if not 0 < k < len(values) - 1:
+        return values[k]
+    (x0, x1, x2), (y0, y1, y2) = values[k - 1 : k + 2], misfit[k - 1 : k + 2].tolist()
+    fall, rise = (y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1)
+    bend = (rise - fall) / (x2 - x0)
+    vertex = (x0 + x1) / 2 - fall / (2 * bend) if bend > 0 else x1
+    return float(np.clip(vertex, (x0 + x1) / 2, (x1 + x2) / 2))
 
 
 @dataclass

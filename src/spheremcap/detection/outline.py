@@ -10,14 +10,15 @@ import numpy.typing as npt
 
 from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
-from spheremcap.core.compiled import F8, I8, PLANE, array, finite, inner, kernel
+from spheremcap.core.compiled import BOOL, F4, F8, I8, PLANE, array, finite, inner, kernel
 from spheremcap.core.frame import Frame
 from spheremcap.core.lens import normal_of
 from spheremcap.core.look import EdgePoints, Expected, Measured
 from spheremcap.core.optics import AT_REST, Motion
-from spheremcap.core.sampling import GRID
+from spheremcap.core.sampling import GRID, bgr_at, clipped
 from spheremcap.detection.colour import loosened
-from spheremcap.detection.edge import EdgeConfig, edge_params, edges_into
+from spheremcap.detection.edge import EdgeConfig, edge_params, edges_into, misfits_into, to_linear
+from spheremcap.detection.shading import RINGS, Rings
 from spheremcap.positioning.sphere import (
     FIT_ROUNDS,
     IMPERFECTION,
@@ -37,12 +38,15 @@ _HOLD = {"seed": 0.03, "acquire": 0.1, "colour": 0.1}  # relative deviation of t
 _HOLD_CLOSE = 0.01  # that of the others'
 _LOOKS = 3  # a coarse one and two fine ones
 _PART_HIDDEN = 0.1  # relative deviation of the radius, a share of the outline that is not seen
+_ALIKE = 8.0  # neighbouring frames that share what hides a part
 _WHOLE_SD = 0.005  # relative deviation of the radius of an outline that is seen as a whole
 _RANGE_SD = 0.01  # the filter's distance is no surer than this, relative
 _SIZE_CHANGE = 0.1  # of the radius from one frame to the next: as much is usual
 _SIZE_LEAP = 1.5  # most that a claim's size may differ from the first proposal's, either way
+_AGREES = 0.3  # least weight of an edge point that counts as the outline's
 _SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated
 _NO_LIMITS = np.empty(0)
+_NO_SHADING = np.empty((0, 0), np.float32)
 _NONE = np.zeros(0)
 _NO_EDGES = EdgePoints(np.zeros((0, 2)), _NONE, np.zeros(0, np.intp), _NONE, 0, 0.0)
 _F1 = array(F8, 1)
@@ -81,6 +85,7 @@ class Outline:
         motion: Motion,
         limits: FloatArray | None,
         expected: Expected | None,
+        shading: Rings = _NO_SHADING,
     ) -> Measured | None:
         """The proposal whose neighbourhood shows the most outline, sharpened; proposals alike are tried once."""
         best: Measured | None = None
@@ -91,7 +96,7 @@ class Outline:
             if any(circle.dice(other) > 0.85 for other in tried):
                 continue
             tried.append(circle)
-            measured = self.sharpened(frame, circle, name, 0.2 * circle.r_px + 1, motion, limits, expected)
+            measured = self.sharpened(frame, circle, name, 0.2 * circle.r_px + 1, motion, limits, expected, shading)
             if measured is None or not 1 / _SIZE_LEAP < measured.circle.r_px / usual_r_px < _SIZE_LEAP:
                 continue
             # The longest outline, not the largest share: a circle on a part of the marker shows more, of less. And
@@ -116,14 +121,16 @@ class Outline:
         motion: Motion,
         limits: FloatArray | None,
         expected: Expected | None = None,
+        shading: Rings = _NO_SHADING,
     ) -> Measured | None:
         """Edges around a circle and the sphere through them: a coarse look up to `reach_px` away, unless that is close,
         then fine ones close by until the circle rests. None when there is no outline. `limits` are the marker's
         colours (`ColourBox.limits`), or None for any. Of a marker that is followed, the distance that is `expected` is
-        held as far as the outline leaves it open."""
+        held as far as the outline leaves it open. `shading` is how its light falls off towards the outline
+        (`Shading.profile`)."""
         hold = _HOLD.get(proposer, _HOLD_CLOSE)
         found, circle_out, sd, xyz, covariance, alone, alone_covariance, edges, seen = self._looks(
-            _LOOKS, frame, circle, reach_px, motion, limits, hold, expected
+            _LOOKS, frame, circle, reach_px, motion, limits, hold, expected, shading
         )
         if found == 0:
             return None
@@ -134,11 +141,39 @@ class Outline:
             rest[5], rest[6], motion, seen[1] / self._edge.rays, (alone, alone_covariance),
         )  # fmt: skip
 
-    def explained(self, frame: Frame, claim: Measured, motions: Sequence[Motion]) -> FloatArray:
-        """How well each motion's blur and softness explain the profiles across a claim's outline, (len(motions),):
-        shares of their variance in [0, 1], 0 where no outline is found."""
-        close = close_px(claim.circle)
-        return np.array([self._looks(1, frame, claim.circle, close, m, None, _HOLD_CLOSE)[-1][2] for m in motions])
+    def misfits(
+        self,
+        frame: Frame,
+        claim: Measured,
+        shading: Rings,
+        way_px: FloatArray,
+        softnesses: Sequence[float],
+        exposures: Sequence[float],
+    ) -> FloatArray | None:
+        """How badly each softness and exposure time (a share of the way (2,) in a frame interval) explain the profiles
+        across a claim's outline, (len(softnesses), len(exposures)): mean logarithms of the squares that are left. None
+        where too little of it is seen."""
+        shown, out = np.zeros(self._edge.rays, np.bool_), np.empty((len(softnesses), len(exposures)))
+        shown[claim.edges.ray[claim.edge_weights > _AGREES]] = True
+        found = _misfits(
+            *frame.planes, self._camera.params, self._radius_m, claim.xyz_cam_m, *claim.motion.lean, claim.circle.y_px,
+            claim.circle.r_px, close_px(claim.circle), *way_px, np.array(softnesses), np.array(exposures),
+            self._edge.blur_sigma_px, self._params, shading, shown, out,
+        )  # fmt: skip
+        return out if found else None
+
+    def light(self, frame: Frame, claim: Measured) -> tuple[Rings, npt.NDArray[np.bool_], float]:
+        """What a verified claim shows of its marker's shading, for `Shading.follow`: linear light (RINGS, rays), the
+        rays that show an edge (all of a click, which has none), and the share of the radius clear of the edge."""
+        rays, motion = self._edge.rays, claim.motion
+        row_px = claim.circle.y_px
+        rings = _rings(
+            *frame.planes, self._camera.params, self._radius_m, claim.xyz_cam_m, *motion.lean, row_px, RINGS, rays
+        )
+        shown = np.full(rays, len(claim.edges.ray) == 0)
+        shown[claim.edges.ray[claim.edge_weights > _AGREES]] = True
+        blur_px = self._edge.blur_sigma_px * motion.softness + 0.5 * self._edge.chroma_sigma_px + 0.2
+        return rings, shown, 1 - (blur_px + 0.5 * math.hypot(*motion.blur_px)) / claim.circle.r_px
 
     def _looks(
         self,
@@ -150,12 +185,13 @@ class Outline:
         limits: FloatArray | None,
         hold: float,
         expected: Expected | None = None,
+        shading: Rings = _NO_SHADING,
     ) -> Any:
         known = (0.0, math.inf) if expected is None else (expected.range_m, math.hypot(expected.range_sd, _RANGE_SD))
         return _sharpened(
             looks, *frame.planes, self._camera.params, self._params, self._unsure, self._radius_m,
             self._edge.blur_sigma_px * motion.softness, self._edge.rays,
-            _NO_LIMITS if limits is None else loosened(limits),
+            _NO_LIMITS if limits is None else loosened(limits), shading,
             *circle, reach_px, close_px(circle), hold, *known, *motion.blur_px, *motion.lean, motion.stretch_sd,
         )  # fmt: skip
 
@@ -184,6 +220,43 @@ def _lean(points, lean_x, lean_y, row):
         late = (points[k, 1] - row) / (1.0 - lean_y)
         points[k, 0] += lean_x * late
         points[k, 1] += lean_y * late
+
+
+@kernel(None, PLANE, PLANE, PLANE, GRID, _F1, F8, _F1, F8, F8, F8, I8, I8)
+def _rings(y, u, v, grid, camera, radius_m, centre, lean_x, lean_y, row, rings, rays):
+    """Brightness in linear light (rings, rays) at even steps from the middle of a sphere's outline to the outline."""
+    out, outline = np.zeros((rings, rays), np.float32), np.empty((rays, 2))
+    if not set_outline(centre[0], centre[1], centre[2], radius_m, camera, outline):
+        return out
+    _lean(outline, lean_x, lean_y, row)
+    x0 = y0 = 0.0
+    for n in range(rays):
+        x0, y0 = x0 + outline[n, 0] / rays, y0 + outline[n, 1] / rays
+    for k in range(rings):
+        part = k / (rings - 1.0)
+        for n in range(rays):
+            x, below = x0 + part * (outline[n, 0] - x0), y0 + part * (outline[n, 1] - y0)
+            blue, green, red = bgr_at(y, u, v, grid, x, below)
+            luma = 0.114 * clipped(blue) + 0.587 * clipped(green) + 0.299 * clipped(red)
+            out[k, n] = to_linear(luma / 255.0)
+    return out
+
+
+@kernel(
+    None, PLANE, PLANE, PLANE, GRID, _F1, F8, _F1, F8, F8, F8, F8, F8, F8, F8, _F1, _F1, F8, _F1, array(F4, 2),
+    array(BOOL, 1), F8[:, ::1],
+)  # fmt: skip
+def _misfits(
+    y, u, v, grid, camera, radius_m, centre, lean_x, lean_y, row, r_px, reach_px, way_x, way_y, softnesses, exposures,
+    sigma, params, shading, shown, out,
+):  # fmt: skip
+    outline = np.empty((len(shown), 2))
+    if not set_outline(centre[0], centre[1], centre[2], radius_m, camera, outline):
+        return False
+    _lean(outline, lean_x, lean_y, row)
+    return misfits_into(
+        y, u, v, grid, outline, r_px, reach_px, way_x, way_y, softnesses, exposures, sigma, params, shading, shown, out
+    )
 
 
 @inner
@@ -232,11 +305,11 @@ def _circle_sd(camera, x, y, z, r_px, covariance):
 
 
 @kernel(
-    None, I8, PLANE, PLANE, PLANE, GRID, _F1, _F1, _F1, F8, F8, I8, _F1,
+    None, I8, PLANE, PLANE, PLANE, GRID, _F1, _F1, _F1, F8, F8, I8, _F1, array(F4, 2),
     F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8,
 )  # fmt: skip
 def _sharpened(
-    looks, y, u, v, grid, camera, params, unsure, radius_m, sigma, rays, limits,
+    looks, y, u, v, grid, camera, params, unsure, radius_m, sigma, rays, limits, shading,
     x_px, y_px, r_px, reach_px, close, hold, known_m, known_sd, blur_x, blur_y, lean_x, lean_y, stretch_sd,
 ):  # fmt: skip
     """`Outline.sharpened` in at most so many looks: the number of edge points (0 for none), circle, its deviations,
@@ -259,8 +332,9 @@ def _sharpened(
         _lean(outline, lean_x, lean_y, found_y)
         reach = reach_px if coarse else close
         count, in_picture, explained = edges_into(
-            y, u, v, grid, outline, r_px, reach, blur_x, blur_y, limits, sigma, params, coarse, points, sd, ray, offset
-        )
+            y, u, v, grid, outline, r_px, reach, blur_x, blur_y, limits, sigma, params, coarse, shading,
+            points, sd, ray, offset,
+        )  # fmt: skip
         if count == 0:
             return none
         for k in range(count):
@@ -293,7 +367,7 @@ def _sharpened(
             break
     seen = 0
     for k in range(count):
-        seen += weights[k] > 0.3
+        seen += weights[k] > _AGREES
         edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3] = points[k, 0], points[k, 1], sd[k] * camera[0], ray[k]
         edges[k, 4], edges[k, 5], edges[k, 6] = offset[k], weights[k], outside[k] * camera[0]
     visible = seen / rays
@@ -314,6 +388,12 @@ def _sharpened(
             both[i, j] = covariance[i, j]
     if finite(known_sd):
         _condition(both, centre / length, known_sd * known_m)
+    # Frame after frame, what hides a part is wrong by about as much: to the filter, which takes errors of frames as
+    # independent, all those frames together tell no more than one.
+    more = (_ALIKE - 1.0) * (found_r * hidden) ** 2
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] += jacobian[i, 2] * jacobian[j, 2] * more
     deviations = _circle_sd(camera, centre[0], centre[1], centre[2], found_r, both)
     return (
         count, (found_x, found_y, found_r), deviations, centre, both, alone, covariance, edges,

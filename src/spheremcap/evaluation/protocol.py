@@ -63,8 +63,10 @@ class Trial:
     def camera(self) -> tuple[Camera, bool]:
         """The camera for the video's pictures, and whether its metres count."""
         with VideoSource(self.video, packets=False) as source:
-            size = source.width_px, source.height_px
-        camera, metric, _ = resolve_camera(self.settings.camera, *size, self.video.parent)
+            width_px, height_px, aspect = source.width_px, source.height_px, source.pixel_aspect
+        camera, metric, _ = resolve_camera(
+            self.settings.camera, width_px, height_px, self.video.parent, pixel_aspect=aspect
+        )
         return camera, metric
 
     def frames(self) -> Iterator[Frame]:

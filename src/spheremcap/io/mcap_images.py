@@ -332,6 +332,7 @@ class McapImageSource:
     """
 
     rotation_deg = 0
+    pixel_aspect = 1.0
 
     def __init__(
         self,

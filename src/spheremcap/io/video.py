@@ -142,6 +142,9 @@ class VideoSource:
         """Clockwise turn, 0, 90, 180 or 270, that the stored picture needs and every Frame has had."""
         flip = self._orientation.transposed
         self.width_px, self.height_px = self._coded_size[::-1] if flip else self._coded_size
+        aspect = float(stream.sample_aspect_ratio or 1)
+        self.pixel_aspect = 1 / aspect if flip else aspect
+        """How much wider than high a pixel of a Frame is, as the stream says; 1 where it says nothing."""
         self._siting = _chroma_siting(picture)
         self._default_matrix = "bt709" if max(picture.height, self.height_px) >= 720 else "bt601"
         pts = picture.pts or 0

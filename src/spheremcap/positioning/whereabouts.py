@@ -71,7 +71,7 @@ class Whereabouts:
 
     def absence(self, frame: Frame, left: bool) -> Absence:
         """What is known of a lost marker, had it moved on evenly. One that `left` the picture comes back where it went
-        out: it is expected there, give or take the way it can go."""
+        out: it is expected there, give or take the way it can go, and in that half of the picture."""
         age_s = (frame.stamp_ns - self.seen.stamp_ns) / NS_PER_S
         variance = np.diag(self.seen.covariance)
         drift_m = float(np.sqrt(variance[:3].max() + variance[3:].max() * age_s**2))
@@ -85,6 +85,9 @@ class Whereabouts:
         centre = circle_of_sphere(xyz, self.radius_m, self.camera) or self.circle
         reach_px = self.circle.r_px * (3 + tolerance_m / self.radius_m)
         region = Window.around(centre, min(reach_px, 2.0 * max(frame.width_px, frame.height_px)))
+        if left:
+            went = circle_of_sphere(xyz + way_m, self.radius_m, self.camera) or centre
+            region = _near_half(frame, went, region)
         return Absence(xyz, tolerance_m, region, math.exp(min(0.15 + 2.0 * max(age_s, 0.0), 5.0)))
 
     def surprise(self, claim: Measured, absence: Absence | None) -> tuple[float, float]:
@@ -102,6 +105,12 @@ class Whereabouts:
         else:
             self.track.update(*claim.outline_alone)
         self.circle, self.seen = claim.circle, self.track.now
+
+    @property
+    def unsure_radii(self) -> float:
+        """The filter's standard deviation sideways, in radii of the marker."""
+        covariance = self.track.now.covariance
+        return math.sqrt(max(covariance[0, 0], covariance[1, 1])) / self.radius_m
 
     def gone(self, frame: Frame) -> bool:
         """Whether the filter is sure that the marker is out of the picture."""
@@ -127,6 +136,20 @@ class Whereabouts:
     def reported(self, xyz_cam_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
         """The covariance (3, 3) with the camera's own uncertainty: a wrong focal length scales the distance."""
         return covariance_m2 + xyz_cam_m[:, None] * xyz_cam_m * self.camera.focal_sd**2
+
+
+def _near_half(frame: Frame, went: Circle, region: Window) -> Window:
+    """The part of a region in the half of the picture on the side that a circle went out of."""
+    x0, y0, x1, y1 = region.x, region.y, region.x + region.width, region.y + region.height
+    beyond_x = max(-went.x_px, went.x_px - (frame.width_px - 1))
+    beyond_y = max(-went.y_px, went.y_px - (frame.height_px - 1))
+    if beyond_x >= beyond_y:
+        half = frame.width_px // 2
+        x0, x1 = (x0, min(x1, half)) if went.x_px < half else (max(x0, half), x1)
+    else:
+        half = frame.height_px // 2
+        y0, y1 = (y0, min(y1, half)) if went.y_px < half else (max(y0, half), y1)
+    return Window(x0, y0, max(0, x1 - x0), max(0, y1 - y0))
 
 
 def outside_px(frame: Frame, circle: Circle) -> float:

@@ -13,12 +13,14 @@ from spheremcap.verification.checks import Case, covered, doubts
 from spheremcap.verification.jury import JuryConfig, cast_votes, judge, template_vote, vote_sum
 from spheremcap.verification.matching import MatchingConfig, make_template, match
 
+_FARTHEST = 3.5  # radii from the expected place that matchers look for a claim that far off
+
 
 @dataclass(frozen=True, slots=True)
 class Prior:
     """What was known of a marker before a look: the circle `around` which it was sought and how far, pixels; whether it
     was `lost`; the circle it should have (`expected`), the greatest ratio of radii (`growth`), and how `surprise`d one
-    is to find it there, as in `Case`."""
+    is to find it there, as in `Case`; whether it was not verified on the frame before (`missed`)."""
 
     around: Circle
     reach_px: float
@@ -26,6 +28,7 @@ class Prior:
     expected: Circle
     growth: float
     surprise: float
+    missed: bool = False
 
 
 class Verifier:
@@ -51,10 +54,10 @@ class Verifier:
         circle = claim.circle if claim is not None else None
         reach_px = min(prior.reach_px, size)
         if circle is not None:
-            reach_px = max(reach_px, min(circle.distance(prior.around) + 0.3 * size, 2 * size))
-        # A lost marker may look as it did when last verified or as it did when a person showed it.
+            reach_px = max(reach_px, min(circle.distance(prior.around) + 0.3 * size, _FARTHEST * size))
+        # One that was missed may look as it did when last verified or as it did when a person showed it.
         tried = []
-        for template in (self._template, self._seeded) if prior.lost else (self._template,):
+        for template in (self._template, self._seeded) if prior.missed else (self._template,):
             matches = match(template, patch, prior.around, reach_px, self._matching, circle)
             votes = cast_votes(matches)
             tried.append((vote_sum(votes), votes, matches))
