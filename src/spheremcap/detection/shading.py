@@ -17,7 +17,7 @@ RINGS = 25
 _MEMORY = 60  # frames that the mean reaches back
 _LEAST_CLEAR = 0.45  # share of the radius that counts as clear of the background, however small or blurred the marker
 _SLOPE_FROM = 0.4  # of the radius, inwards from where the background mixes in: there the fall towards the limb is seen
-_CARRIED_ON = 0.8  # share of that fall that goes on to the limb: all of it would feed on a circle that is too large
+_CARRIED_ON = 0.5  # share of that fall that goes on to the limb: all of it would feed on a circle that is too large
 
 
 class Shading:

@@ -86,8 +86,7 @@ class Whereabouts:
         reach_px = self.circle.r_px * (3 + tolerance_m / self.radius_m)
         region = Window.around(centre, min(reach_px, 2.0 * max(frame.width_px, frame.height_px)))
         if left:
-            went = circle_of_sphere(xyz + way_m, self.radius_m, self.camera) or centre
-            region = _near_half(frame, went, region)
+            region = _near_half(frame, self.circle, region)
         return Absence(xyz, tolerance_m, region, math.exp(min(0.15 + 2.0 * max(age_s, 0.0), 5.0)))
 
     def surprise(self, claim: Measured, absence: Absence | None) -> tuple[float, float]:
@@ -138,17 +137,16 @@ class Whereabouts:
         return covariance_m2 + xyz_cam_m[:, None] * xyz_cam_m * self.camera.focal_sd**2
 
 
-def _near_half(frame: Frame, went: Circle, region: Window) -> Window:
-    """The part of a region in the half of the picture on the side that a circle went out of."""
+def _near_half(frame: Frame, last: Circle, region: Window) -> Window:
+    """The part of a region in the half of the picture on the side of the border that a circle was nearest to."""
     x0, y0, x1, y1 = region.x, region.y, region.x + region.width, region.y + region.height
-    beyond_x = max(-went.x_px, went.x_px - (frame.width_px - 1))
-    beyond_y = max(-went.y_px, went.y_px - (frame.height_px - 1))
-    if beyond_x >= beyond_y:
+    left_px, above_px = min(last.x_px, frame.width_px - 1 - last.x_px), min(last.y_px, frame.height_px - 1 - last.y_px)
+    if left_px <= above_px:
         half = frame.width_px // 2
-        x0, x1 = (x0, min(x1, half)) if went.x_px < half else (max(x0, half), x1)
+        x0, x1 = (x0, min(x1, half)) if last.x_px < half else (max(x0, half), x1)
     else:
         half = frame.height_px // 2
-        y0, y1 = (y0, min(y1, half)) if went.y_px < half else (max(y0, half), y1)
+        y0, y1 = (y0, min(y1, half)) if last.y_px < half else (max(y0, half), y1)
     return Window(x0, y0, max(0, x1 - x0), max(0, y1 - y0))
 
 

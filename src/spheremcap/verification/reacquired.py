@@ -12,7 +12,7 @@ from spheremcap.core.look import Look
 
 _SAME_SIZE = 0.2  # logarithm of the ratio of radii up to which a claim is as large as the marker was
 _SURE_VOTES = 4.5  # votes above which one as large as that is believed at once
-_CLEAR_VOTES = 5.2  # votes above which one of any size is
+_CLEAR_VOTES = 4.9  # votes above which one of any size is
 _FRAMES = 3  # of others, so many frames in a row have to agree
 _NEAR = 3.0  # radii from one frame to the next that agree
 
