@@ -422,7 +422,7 @@ FAULTS = (
     ),
     Fault(
         223, "chain: a lost marker is never asked to be confirmed", "chain.py",
-        "looks = self._again.confirmed(looks, self.whereabouts.circle)", "pass", (DECISIONS,),
+        "looks = self._stages.reacquired.confirmed(looks, self.whereabouts.circle)", "pass", (DECISIONS,),
     ),
     Fault(
         224, "status: lost by the count alone", "core/status.py",
@@ -430,7 +430,7 @@ FAULTS = (
     ),
     Fault(
         225, "whereabouts: one that left is sought everywhere", "positioning/whereabouts.py",
-        "region = _near_half(frame, went, region)", "pass", (WHEREABOUTS,),
+        "region = _near_half(frame, self.circle, region)", "pass", (WHEREABOUTS,),
     ),
     Fault(
         226, "colour: hues of black pixels count", "detection/colour.py",

@@ -78,6 +78,7 @@ class _Seeded:
     appearance: Appearance
     shading: Shading
     verifier: Verifier
+    reacquired: Reacquired
 
 
 class MarkerChain:
@@ -105,7 +106,6 @@ class MarkerChain:
         self.whereabouts = Whereabouts(spec.radius_m, camera, config.kalman, config.position)
         outline = Outline(spec.radius_m, camera, config.edge, config.position)
         self._detector = Detector(outline, config.hough, config.colour, config.acquire)
-        self._again = Reacquired()
         self._stages: _Seeded | None = None
         self._expected: Expected | None = None
         self._stamp_ns, self._interval_s = 0, 1 / 30  # until two stamps say more
@@ -119,7 +119,7 @@ class MarkerChain:
         verifier = Verifier(
             patch, measured.circle, appearance, config.jury, config.matching, colour=config.colour.enabled
         )
-        self._stages = _Seeded(follower, appearance, Shading(config.edge.rays), verifier)
+        self._stages = _Seeded(follower, appearance, Shading(config.edge.rays), verifier, Reacquired())
         self._stamp_ns, self._expected = frame.stamp_ns, None
         self.optics.seeded(measured)
         self.whereabouts.accept(frame.stamp_ns, measured, again=True)
@@ -185,9 +185,10 @@ class MarkerChain:
 
     def settle(self, frame: Frame, looks: Sequence[Look], taken: Sequence[Circle] = ()) -> MarkerEstimate:
         """Decide what the looks at this frame mean, given the circles of markers settled before, and learn from it."""
+        assert self._stages is not None
         looks = [uncovered(look, taken) for look in looks]
         if not self.status.tracked:
-            looks = self._again.confirmed(looks, self.whereabouts.circle)
+            looks = self._stages.reacquired.confirmed(looks, self.whereabouts.circle)
         for look in looks:
             if look.claim is not None and not look.doubts:
                 self._accept(frame, look.claim, look)

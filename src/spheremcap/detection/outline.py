@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -128,10 +127,14 @@ class Outline:
         colours (`ColourBox.limits`), or None for any. Of a marker that is followed, the distance that is `expected` is
         held as far as the outline leaves it open. `shading` is how its light falls off towards the outline
         (`Shading.profile`)."""
-        hold = _HOLD.get(proposer, _HOLD_CLOSE)
-        found, circle_out, sd, xyz, covariance, alone, alone_covariance, edges, seen = self._looks(
-            _LOOKS, frame, circle, reach_px, motion, limits, hold, expected, shading
-        )
+        known = (0.0, math.inf) if expected is None else (expected.range_m, math.hypot(expected.range_sd, _RANGE_SD))
+        found, circle_out, sd, xyz, covariance, alone, alone_covariance, edges, seen = _sharpened(
+            *frame.planes, self._camera.params, self._params, self._unsure, self._radius_m,
+            self._edge.blur_sigma_px * motion.softness, self._edge.rays,
+            _NO_LIMITS if limits is None else loosened(limits), shading,
+            *circle, reach_px, close_px(circle), _HOLD.get(proposer, _HOLD_CLOSE), *known,
+            *motion.blur_px, *motion.lean, motion.stretch_sd,
+        )  # fmt: skip
         if found == 0:
             return None
         points, rest = edges[:found, :2].copy(), edges[:found].T.copy()
@@ -174,26 +177,6 @@ class Outline:
         shown[claim.edges.ray[claim.edge_weights > _AGREES]] = True
         blur_px = self._edge.blur_sigma_px * motion.softness + 0.5 * self._edge.chroma_sigma_px + 0.2
         return rings, shown, 1 - (blur_px + 0.5 * math.hypot(*motion.blur_px)) / claim.circle.r_px
-
-    def _looks(
-        self,
-        looks: int,
-        frame: Frame,
-        circle: Circle,
-        reach_px: float,
-        motion: Motion,
-        limits: FloatArray | None,
-        hold: float,
-        expected: Expected | None = None,
-        shading: Rings = _NO_SHADING,
-    ) -> Any:
-        known = (0.0, math.inf) if expected is None else (expected.range_m, math.hypot(expected.range_sd, _RANGE_SD))
-        return _sharpened(
-            looks, *frame.planes, self._camera.params, self._params, self._unsure, self._radius_m,
-            self._edge.blur_sigma_px * motion.softness, self._edge.rays,
-            _NO_LIMITS if limits is None else loosened(limits), shading,
-            *circle, reach_px, close_px(circle), hold, *known, *motion.blur_px, *motion.lean, motion.stretch_sd,
-        )  # fmt: skip
 
 
 def _size_alone(measured: Measured) -> tuple[float, float]:
@@ -305,14 +288,14 @@ def _circle_sd(camera, x, y, z, r_px, covariance):
 
 
 @kernel(
-    None, I8, PLANE, PLANE, PLANE, GRID, _F1, _F1, _F1, F8, F8, I8, _F1, array(F4, 2),
+    None, PLANE, PLANE, PLANE, GRID, _F1, _F1, _F1, F8, F8, I8, _F1, array(F4, 2),
     F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8, F8,
 )  # fmt: skip
 def _sharpened(
-    looks, y, u, v, grid, camera, params, unsure, radius_m, sigma, rays, limits, shading,
+    y, u, v, grid, camera, params, unsure, radius_m, sigma, rays, limits, shading,
     x_px, y_px, r_px, reach_px, close, hold, known_m, known_sd, blur_x, blur_y, lean_x, lean_y, stretch_sd,
 ):  # fmt: skip
-    """`Outline.sharpened` in at most so many looks: the number of edge points (0 for none), circle, its deviations,
+    """`Outline.sharpened`: the number of edge points (0 for none), circle, its deviations,
     centre and covariance, both again by the outline alone; edges (rays, 7): x, y, sd, ray, offset, weight, outside, in
     pixels; share seen, rays inside the picture, explained."""
     points, sd, ray, offset = np.empty((rays, 2)), np.empty(rays), np.empty(rays), np.empty(rays)
@@ -324,7 +307,7 @@ def _sharpened(
     start[0], start[1], start[2] = sphere_at(x_px, y_px, r_px * shrunk, radius_m, camera)
     found_x, found_y, found_r = x_px, y_px, r_px
     count, in_picture, explained = 0, 0, 0.0
-    for look in range(looks):
+    for look in range(_LOOKS):
         coarse = look == 0 and reach_px > close
         outline = np.empty((rays // 2 if coarse else rays, 2))
         if not set_outline(start[0], start[1], start[2], radius_m, camera, outline):
