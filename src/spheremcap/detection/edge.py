@@ -117,38 +117,15 @@ def edges_into(
     widest, in_picture = _set_rays(y, outline, blur_x, blur_y, margin, normal, inside, across, along)
     if in_picture < 8:
         return 0, in_picture, 0.0
-    place, step, deepest, deep_steps, near = _places(r_px, reach_px + margin + widest, widest, coarse)
-    samples = np.empty((3, len(place), count), np.float32)
-    _sample(y, u, v, grid, outline, normal, place, deep_steps, samples)
-    depth, beyond = np.empty(count, np.float32), np.empty(count, np.float32)
-    for n in range(count):
-        clear = margin + abs(across[n]) / 2.0
-        depth[n] = min(clear + 0.5 * reach_px, 0.6 * deepest)
-        beyond[n] = clear + 0.5 * reach_px - 0.5
-    colour_in, colour_out = np.zeros((3, count), np.float32), np.zeros((3, count), np.float32)
-    _levels(samples, place, depth, beyond, r_px, colour_in, colour_out)
-    direction, varies = np.empty((3, count), np.float32), np.empty((2, count), np.float32)
-    _directions(
-        samples, place, depth, r_px, inside, colour_in, colour_out, params[2], params[5] > 0.0, direction, varies
+    window, colours, direction, varies, limb, v_first, fine, half = _profiles(
+        y, u, v, grid, outline, normal, inside, across, r_px, reach_px, margin, widest, params, coarse, shading
     )
-
-    fine = step / 2.0
-    half = int(math.ceil(reach_px / fine))
-    shifts = 2 * half + 1
-    v_first = place[deep_steps] - half * fine
-    length = 2 * (near - 1) + shifts
-    limb = np.ones((length, count), np.float32)
-    if params[4] > 0.0 and not coarse:
-        _set_limb(samples[0], place, r_px, depth, inside, v_first, fine, limb)
-        if len(shading) > 0:
-            _take_in(shading, place, r_px, depth, v_first, fine, limb)
-    chroma_sigma = params[0] if grid[0] > 1.0 else _READ_PLAINLY * params[0]
-    shapes = np.empty((2, length, count), np.float32)
-    _set_shapes(v_first, fine, limb, colour_in, colour_out, direction, across, along, r_px, sigma, chroma_sigma, shapes)
+    shifts, chroma_sigma = 2 * half + 1, _chroma_sigma(grid, params)
+    shapes = np.empty((2, len(limb), count), np.float32)
+    _set_shapes(v_first, fine, limb, *colours, direction, across, along, r_px, sigma, chroma_sigma, shapes)
 
     cost, power = np.zeros((shifts, count), np.float32), np.zeros((shifts, count), np.float32)
     seen, left_over = np.zeros(count, np.float32), np.zeros(count, np.float32)
-    window = samples[:, deep_steps : deep_steps + near]
     shared = _SHARED if grid[0] > 1.0 else 1.0
     _match(window[:1], direction[:1], shapes[0], varies[0], params[1], 1.0, cost, power, seen, left_over)
     _match(window[1:], direction[1:], shapes[1], varies[1], params[1], shared, cost, power, seen, left_over)
@@ -208,7 +185,38 @@ def misfits_into(
         used += shown[n] and inside[n] > 0.0
     if used < 8:
         return False
-    place, step, deepest, deep_steps, near = _places(r_px, reach_px + margin + widest, widest, False)
+    window, colours, direction, _, limb, v_first, fine, half = _profiles(
+        y, u, v, grid, outline, normal, inside, across, r_px, reach_px, margin, widest, params, False, shading
+    )
+    shifts, chroma_sigma = 2 * half + 1, _chroma_sigma(grid, params)
+    shapes = np.empty((2, len(limb), count), np.float32)
+    sse, rise = np.empty((shifts, count), np.float32), np.empty((shifts, count), np.float32)
+    expected = np.empty((shifts, count), np.float32)
+    whole, luma, chroma = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+    for i in range(len(softnesses)):
+        for j in range(len(exposures)):
+            share = np.float32(exposures[j])
+            _set_shapes(
+                v_first, fine, limb, *colours, direction, share * across, share * along, r_px,
+                sigma * softnesses[i], chroma_sigma, shapes,
+            )  # fmt: skip
+            _set_squares(window[:1], direction[:1], shapes[0], sse, rise, expected, whole, luma)
+            _set_squares(window[1:], direction[1:], shapes[1], sse, rise, expected, whole, chroma)
+            total = 0.0
+            for n in range(count):
+                if shown[n] and inside[n] > 0.0:
+                    total += math.log(luma[n] + chroma[n] + 1e-7)
+            out[i, j] = total / used
+    return True
+
+
+@inner
+def _profiles(y, u, v, grid, outline, normal, inside, across, r_px, reach_px, margin, widest, params, coarse, shading):
+    """What the rays show, and what tells marker from background on them: samples (3, M, N) where the edge may be, the
+    colours (3, N) inside and outside, what `_directions` says, and the limb (V, N) against the distance from the edge;
+    the first such distance, the step to the next, and how many steps the edge may be off, either way."""
+    count = len(outline)
+    place, step, deepest, deep_steps, near = _places(r_px, reach_px + margin + widest, widest, coarse)
     samples = np.empty((3, len(place), count), np.float32)
     _sample(y, u, v, grid, outline, normal, place, deep_steps, samples)
     depth, beyond = np.empty(count, np.float32), np.empty(count, np.float32)
@@ -223,34 +231,21 @@ def misfits_into(
         samples, place, depth, r_px, inside, colour_in, colour_out, params[2], params[5] > 0.0, direction, varies
     )
     fine = step / 2.0
-    shifts = 2 * int(math.ceil(reach_px / fine)) + 1
-    v_first = place[deep_steps] - (shifts // 2) * fine
-    length = 2 * (near - 1) + shifts
-    limb = np.ones((length, count), np.float32)
-    if params[4] > 0.0:
+    half = int(math.ceil(reach_px / fine))
+    v_first = place[deep_steps] - half * fine
+    limb = np.ones((2 * (near - 1) + 2 * half + 1, count), np.float32)
+    if params[4] > 0.0 and not coarse:
         _set_limb(samples[0], place, r_px, depth, inside, v_first, fine, limb)
         if len(shading) > 0:
             _take_in(shading, place, r_px, depth, v_first, fine, limb)
-    chroma_sigma = params[0] if grid[0] > 1.0 else _READ_PLAINLY * params[0]
-    shapes, window = np.empty((2, length, count), np.float32), samples[:, deep_steps : deep_steps + near]
-    sse, rise = np.empty((shifts, count), np.float32), np.empty((shifts, count), np.float32)
-    expected = np.empty((shifts, count), np.float32)
-    whole, luma, chroma = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
-    for i in range(len(softnesses)):
-        for j in range(len(exposures)):
-            share = np.float32(exposures[j])
-            _set_shapes(
-                v_first, fine, limb, colour_in, colour_out, direction, share * across, share * along, r_px,
-                sigma * softnesses[i], chroma_sigma, shapes,
-            )  # fmt: skip
-            _set_squares(window[:1], direction[:1], shapes[0], sse, rise, expected, whole, luma)
-            _set_squares(window[1:], direction[1:], shapes[1], sse, rise, expected, whole, chroma)
-            total = 0.0
-            for n in range(count):
-                if shown[n] and inside[n] > 0.0:
-                    total += math.log(luma[n] + chroma[n] + 1e-7)
-            out[i, j] = total / used
-    return True
+    window = samples[:, deep_steps : deep_steps + near]
+    return window, (colour_in, colour_out), direction, varies, limb, v_first, fine, half
+
+
+@inner
+def _chroma_sigma(grid, params):
+    """The blur of chroma, px: less where every pixel has its own."""
+    return params[0] if grid[0] > 1.0 else _READ_PLAINLY * params[0]
 
 
 @inner

@@ -28,8 +28,8 @@ LENSES = (1.0, 1.3, 1.6, 2.0, 2.4, 3.0, 3.6)
 BLUR_SHOWS_PX = 5.0  # motion in a frame interval from which blur can be told
 _CLEAR = 0.6  # share of the outline that a claim has to show to teach anything
 _BEYOND_DOUBT = 7.0  # standard deviations: what shading makes of an outline has reached six on a global shutter
-
-_LOOKS = 12  # as many looks are taken closely together; later ones are few, and old ones fade
+_LOOKS = 12  # as many looks are taken closely together; later ones are few
+_OFTEN, _SELDOM = 12, 64  # after so many claims of a moving marker a look is taken: first, and later
 _SOFT = 0.3  # how unlikely a soft lens is: added to the misfit, times the squared logarithm of its softness
 _LATEST = 24  # so many looks are remembered
 _SLOW_LOOKS = (3, 8, 24, 72, 216, 648)  # after so many clear claims a look is taken whether it moves or not
@@ -87,13 +87,14 @@ class OpticsLearner:
         due = self._clear in _SLOW_LOOKS
         if math.hypot(way_px[0], way_px[1]) > BLUR_SHOWS_PX:
             self._moving += 1
-            due = due or self._moving <= 3 or self._moving % (12 if self._moving <= 12 * _LOOKS else 64) == 0
+            every = _OFTEN if self._moving <= _OFTEN * _LOOKS else _SELDOM
+            due = due or self._moving <= 3 or self._moving % every == 0
         if due and math.hypot(*bounded_blur(way_px, claim.circle)) >= math.hypot(*way_px):
             exposures = (self._given_exposure_s / interval_s,) if self.exposure_known else EXPOSURES
             found = misfits(way_px, self._lenses, exposures)
             if found is not None:
-                self._contest = self._contest or _Contest(self._lenses, EXPOSURES)
-                self._contest.add(np.broadcast_to(found, (len(self._lenses), len(EXPOSURES))))
+                self._contest = self._contest or _Contest(self._lenses, exposures)
+                self._contest.add(found)
                 self._best = None
         if self._given_readout_s is None and claim.proposer == "prediction":
             own = self._stretch.setdefault(marker, _Stretch())

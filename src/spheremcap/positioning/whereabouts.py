@@ -140,8 +140,8 @@ class Whereabouts:
 def _near_half(frame: Frame, last: Circle, region: Window) -> Window:
     """The part of a region in the half of the picture on the side of the border that a circle was nearest to."""
     x0, y0, x1, y1 = region.x, region.y, region.x + region.width, region.y + region.height
-    left_px, above_px = min(last.x_px, frame.width_px - 1 - last.x_px), min(last.y_px, frame.height_px - 1 - last.y_px)
-    if left_px <= above_px:
+    to_side_px = min(last.x_px, frame.width_px - 1 - last.x_px)
+    if to_side_px <= min(last.y_px, frame.height_px - 1 - last.y_px):
         half = frame.width_px // 2
         x0, x1 = (x0, min(x1, half)) if last.x_px < half else (max(x0, half), x1)
     else:

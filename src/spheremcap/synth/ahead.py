@@ -14,7 +14,7 @@ _MOST_THREADS = 8  # each holds some 40 MB at 1280x720
 def ahead(render: Callable[[int], Frame], count: int, workers: int | None = None) -> Generator[Frame, None, None]:
     """render(0) … render(count - 1), rendered ahead in `workers` threads (None: one a core, 8 at most).
 
-    The first one is rendered alone, since it compiles what has not been.
+    The first one is rendered alone: it compiles what has not been, and makes what is made once.
     """
     if count > 0:
         yield render(0)

@@ -7,7 +7,6 @@ half exposed: position and circle belong together, as seen. Blur does not move i
 mid-exposure, not the streak.
 """
 
-from collections.abc import Generator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -18,8 +17,6 @@ import numpy.typing as npt
 
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import BgrImage, Window
-from spheremcap.core.time import ticks_to_ns
-from spheremcap.synth.ahead import ahead
 from spheremcap.synth.backdrop import Body, Canvas, photograph
 from spheremcap.synth.outline import polygon_ellipse, seen_outline
 from spheremcap.synth.parts import Ball, Card, World
@@ -30,7 +27,7 @@ from spheremcap.synth.raster import (
     to_linear,
     to_srgb,
 )
-from spheremcap.synth.truth import Container, MarkerTruth
+from spheremcap.synth.truth import Container, MarkerTruth, Rendered
 
 FloatArray = npt.NDArray[np.float64]
 _STEP_PX = 0.45
@@ -51,7 +48,7 @@ class _Layer:
     motion_px: float
 
 
-class Scene:
+class Scene(Rendered):
     """Renders a `World`: any frame on its own, the same bytes every time."""
 
     def __init__(self, world: World) -> None:
@@ -71,24 +68,6 @@ class Scene:
     def planes(self, picture: BgrImage) -> npt.NDArray[np.uint8]:
         """The picture's 4:2:0 planes, chroma sited left."""
         return to_yuv420(picture)
-
-    def __len__(self) -> int:
-        return len(self.world.ticks)
-
-    def stamp_ns(self, index: int) -> int:
-        """The frame's container stamp in ns."""
-        return ticks_to_ns(self.world.ticks[index], self.world.time_base)
-
-    def frames(
-        self, count: int | None = None, workers: int | None = None
-    ) -> Generator[tuple[BgrImage, int, list[MarkerTruth]], None, None]:
-        """(picture, stamp_ns, truth of every marker) of the first `count` frames in order, not encoded.
-
-        They are rendered ahead in `workers` threads (None: one a core, 8 at most), and are the same whatever their
-        number.
-        """
-        self._prepare()
-        return ahead(self._frame, len(self) if count is None else min(count, len(self)), workers)
 
     def _frame(self, index: int) -> tuple[BgrImage, int, list[MarkerTruth]]:
         layers = self._find_layers(index)
@@ -324,10 +303,6 @@ class Scene:
         return _Layer(what, (int(low[0]), int(low[1]), int(high[0]), int(high[1])), depth_m, motion_px)
 
     # --- made once ---
-
-    def _prepare(self) -> None:
-        """Make what is made once, so that threads need not."""
-        _ = self._rays, self._canvas, self._body, self._noise, self._decode, self._curve, self._albedos, self._paints
 
     @cached_property
     def _rays(self) -> tuple[Image, Image]:

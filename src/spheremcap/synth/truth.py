@@ -1,9 +1,9 @@
 """What is true of a marker on a frame, and what writes a rendered session: the nouns that both renderers share."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Generator
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,8 @@ import numpy.typing as npt
 from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import BgrImage
+from spheremcap.core.time import ticks_to_ns
+from spheremcap.synth.ahead import ahead
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -67,20 +69,35 @@ class Container:
     clear: float = 1.0
 
 
-class Rendered(Protocol):
-    """A session in memory: what either renderer makes of a scenario."""
+class Rendered(ABC):
+    """A session in memory, any frame on its own and the same every time: what either renderer makes of a scenario."""
 
     @property
-    def container(self) -> Container: ...
+    @abstractmethod
+    def container(self) -> Container:
+        """How the session is written down."""
 
-    def __len__(self) -> int: ...
+    @abstractmethod
+    def planes(self, picture: BgrImage) -> npt.NDArray[np.uint8]:
+        """The (height * 3 / 2, width) Y, Cb, Cr planes of a picture, BT.709 limited range, 4:2:0."""
+
+    @abstractmethod
+    def _frame(self, index: int) -> tuple[BgrImage, int, list[MarkerTruth]]:
+        """A frame's picture, not encoded, its stamp, and the truth of every marker. Runs in any thread."""
+
+    def __len__(self) -> int:
+        return len(self.container.ticks)
+
+    def stamp_ns(self, index: int) -> int:
+        """The frame's container stamp in ns."""
+        return ticks_to_ns(self.container.ticks[index], self.container.time_base)
 
     def frames(
         self, count: int | None = None, workers: int | None = None
     ) -> Generator[tuple[BgrImage, int, list[MarkerTruth]], None, None]:
-        """(picture, stamp_ns, truth of every marker) in order, not encoded."""
-        ...
+        """(picture, stamp_ns, truth of every marker) of the first `count` frames in order, not encoded.
 
-    def planes(self, picture: BgrImage) -> npt.NDArray[np.uint8]:
-        """The (height * 3 / 2, width) Y, Cb, Cr planes of a picture, BT.709 limited range, 4:2:0."""
-        ...
+        They are rendered ahead in `workers` threads (None: one a core, 8 at most), and are the same whatever their
+        number.
+        """
+        return ahead(self._frame, len(self) if count is None else min(count, len(self)), workers)

@@ -5,7 +5,6 @@ which the row of its own centre is half exposed; each row of its outline is wher
 The circle has the outline's area and centroid, found row by row from the cone of rays that touch the sphere.
 """
 
-from collections.abc import Generator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,13 +14,11 @@ import numpy.typing as npt
 
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import BgrImage
-from spheremcap.core.time import ticks_to_ns
-from spheremcap.synth.ahead import ahead
 from spheremcap.synth.daylight import rays
 from spheremcap.synth.daylight.electronics import Image, curve, develop, planes420
 from spheremcap.synth.daylight.surfaces import GROUNDS, PATTERNS, WALLS, backdrop
 from spheremcap.synth.daylight.world import Box, Capsule, DayWorld, FloatArray, Paint, Sphere, Strap
-from spheremcap.synth.truth import Container, Ellipse, MarkerTruth
+from spheremcap.synth.truth import Container, Ellipse, MarkerTruth, Rendered
 
 CLEAR = 0.6
 """A person gives a marker's seed once so much of it is seen: a strap always hides some."""
@@ -40,7 +37,7 @@ class _Things:
     when: FloatArray
 
 
-class Film:
+class Film(Rendered):
     """Renders a `DayWorld`: any frame on its own, the same bytes every time."""
 
     def __init__(self, world: DayWorld) -> None:
@@ -62,23 +59,6 @@ class Film:
             world.camera, electronics.exposure_s, electronics.readout_s, world.ticks, world.time_base, markers,
             electronics.megabits, world.sample_aspect if world.says_aspect else None, CLEAR,
         )  # fmt: skip
-
-    def __len__(self) -> int:
-        return len(self.world.ticks)
-
-    def stamp_ns(self, index: int) -> int:
-        """The frame's container stamp in ns."""
-        return ticks_to_ns(self.world.ticks[index], self.world.time_base)
-
-    def frames(
-        self, count: int | None = None, workers: int | None = None
-    ) -> Generator[tuple[BgrImage, int, list[MarkerTruth]], None, None]:
-        """(picture, stamp_ns, truth of every marker) of the first `count` frames in order, not encoded.
-
-        They are rendered ahead in `workers` threads (None: one a core, 8 at most), and are the same whatever their
-        number.
-        """
-        return ahead(self._frame, len(self) if count is None else min(count, len(self)), workers)
 
     def _frame(self, index: int) -> tuple[BgrImage, int, list[MarkerTruth]]:
         return self.picture(index), self.stamp_ns(index), self.truth(index)
