@@ -142,12 +142,12 @@ def near(i):
 
 
 def swollen(i):
-    """The marker; nothing; then two balls, each a third larger, one in its place and one elsewhere."""
+    """The marker; nothing; then two balls, each three tenths larger, one in its place and one elsewhere."""
     if i < 5:
         return picture(near(i), noise_seed=i)
     if i < 11:
         return empty(i)
-    return picture(*(Ball(ball_at(x, 120, 30).xyz, ORANGE, 1.35 * RADIUS_M) for x in (90, 210)), noise_seed=i)
+    return picture(*(Ball(ball_at(x, 120, 30).xyz, ORANGE, 1.3 * RADIUS_M) for x in (90, 210)), noise_seed=i)
 
 
 def test_lost_frames_carry_votes_and_reasons_of_the_best_candidate():
@@ -228,7 +228,7 @@ def test_what_a_lost_marker_is_found_as_has_to_be_confirmed_and_a_followed_one_h
     asked = []
 
     def never(self, looks, last):
-        asked.append(last)
+        asked.extend([last] if looks else [])
         return [replace(look, doubts=("unconfirmed",)) for look in looks]
 
     chain = seeded()
@@ -313,8 +313,8 @@ def test_a_patch_is_as_large_for_a_near_marker_as_for_a_far_one(r_px, cuts):
     followed = steps(chain, range(1, 3), image)
     assert [e.status for e in followed] == [Status.VERIFIED] * 2
     steps(chain, range(3, 7), image)  # the reach grows while it is missed
-    assert len(cuts) == 7
-    assert max(max(size) for size in cuts) <= 130
+    assert len(cuts) == 7 + 4  # where it is missed it is sought all around, on a reduced picture
+    assert max(max(size) for size in cuts) <= 160
 
 
 # -- a person's word -------------------------------------------------------------------------------
@@ -501,7 +501,7 @@ def test_results_are_the_same_to_the_last_bit_whatever_the_number_of_threads():
     }
     markers = tuple(MarkerSpec(name, 2 * RADIUS_M) for name in balls)
     images = [picture(*(ball(i) for ball in balls.values()), noise_seed=i) for i in range(45)]
-    for i in range(20, 27):
+    for i in range(20, 32):
         images[i] = empty(i)
 
     def run(threads):

@@ -21,7 +21,7 @@ from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import MarkerEstimate
 from spheremcap.core.frame import Frame, Patch
-from spheremcap.core.look import Expected, Look, Measured
+from spheremcap.core.look import Expected, Look, Measured, foremost
 from spheremcap.core.marker import MarkerSpec
 from spheremcap.core.stage import StageConfig
 from spheremcap.core.status import PolicyConfig, Sight, Status, next_status
@@ -68,6 +68,11 @@ class ChainConfig(StageConfig):
     position: PositionConfig = PositionConfig()
     kalman: KalmanConfig = KalmanConfig()
     policy: PolicyConfig = PolicyConfig()
+
+
+_CLEAR = 0.6  # share of an outline with an edge from which nothing hides it
+_OUTLINE_ALONE = frozenset(("outline", "seed"))
+"""Doubts of a marker that is there but shows little of its outline."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,23 +168,26 @@ class MarkerChain:
             found = self._detector.detect(frame, patch, expected, followed, found, stages.appearance, stages.shading)
         surprise, growth = (0.0, 1.0) if found.claim is None else where.surprise(found.claim, None)
         prior = Prior(expected.circle, expected.reach_px, False, expected.circle, growth, surprise, self.misses > 0)
-        return (stages.verifier.look(patch, found, prior),)
+        look = stages.verifier.look(patch, found, prior)
+        if not look.doubts:
+            return (look,)
+        return (look, *(far for far in self._search(frame) if _news(far.claim, expected)))
 
     def _search(self, frame: Frame) -> tuple[Look, ...]:
-        """Look for a lost marker by colour and shape, no further than it can have gone."""
+        """Look for a marker that is not where it was expected by colour and shape, no further than it can have gone."""
         assert self._stages is not None
         stages, where, detector = self._stages, self.whereabouts, self._detector
-        absence, last = where.absence(frame, self.status is Status.OUT_OF_VIEW), where.circle
+        absence = where.absence(frame, self.status is Status.OUT_OF_VIEW)
         softness, looks = self.optics.now(self._interval_s).softness, []
-        for candidate in detector.candidates(frame, absence.region, last, stages.appearance):
-            patch = stages.follower.patch(frame, candidate.resized(max(last.r_px, candidate.r_px)))
-            found = detector.claimed(frame, patch, candidate, last, softness, stages.appearance)
+        for candidate in detector.candidates(frame, absence.region, where.circle, stages.appearance):
+            place, expected = candidate.circle, absence.at(candidate.circle, self._interval_s, softness)
+            patch = stages.follower.patch(frame, place.resized(max(expected.circle.r_px, place.r_px)))
+            found = detector.claimed(frame, patch, candidate, expected, stages.appearance)
             if found.claim is None:
                 continue
             surprise, growth = where.surprise(found.claim, absence)
-            around = candidate.resized(found.claim.circle.r_px)
-            reach_px, expected = 0.75 * candidate.r_px, candidate.resized(last.r_px)
-            prior = Prior(around, reach_px, True, expected, growth, surprise, missed=True)
+            around, reach_px = place.resized(found.claim.circle.r_px), 0.75 * place.r_px
+            prior = Prior(around, reach_px, True, absence.circle, growth, surprise, missed=True)
             looks.append(stages.verifier.look(patch, found, prior))
         return tuple(looks)
 
@@ -187,23 +195,25 @@ class MarkerChain:
         """Decide what the looks at this frame mean, given the circles of markers settled before, and learn from it."""
         assert self._stages is not None
         looks = [uncovered(look, taken) for look in looks]
-        if not self.status.tracked:
-            looks = self._stages.reacquired.confirmed(looks, self.whereabouts.circle)
+        elsewhere = [look for look in looks if look.elsewhere]
+        found = self._stages.reacquired.confirmed(elsewhere, self.whereabouts.circle)
+        looks = [*(look for look in looks if not look.elsewhere), *found]
         for look in looks:
             if look.claim is not None and not look.doubts:
                 self._accept(frame, look.claim, look)
                 return self._estimate(frame, look, look.claim)
-        best = max(looks, key=lambda look: look.vote_sum, default=None)
-        self._miss(frame, best)
-        return self._estimate(frame, best, None)
+        told = foremost(looks)
+        self._miss(frame, told)
+        return self._estimate(frame, told, None)
 
     def _accept(self, frame: Frame, claim: Measured, look: Look) -> None:
-        """Learn from a verified circle: filter, template, brightness, size; and the camera's optics."""
+        """Learn from a verified circle: filter, which starts anew elsewhere, template, brightness, size; and the
+        camera's optics."""
         assert self._stages is not None
-        self.whereabouts.accept(frame.stamp_ns, claim, again=not self.status.tracked)
+        self.whereabouts.accept(frame.stamp_ns, claim, again=look.elsewhere)
         self._learn(frame, look.patch, claim)
         self.status = Status.VERIFIED
-        if self._expected is not None:
+        if self._expected is not None and not look.elsewhere:
             rate_px, interval_s = self._expected.rate_px, self._expected.interval_s
             misfits = partial(self._detector.outline.misfits, frame, claim, self._stages.shading.profile)
             self.optics.learn(self.spec.name, claim, rate_px, interval_s, misfits)
@@ -217,15 +227,21 @@ class MarkerChain:
         stages.shading.follow(*self._detector.outline.light(frame, claim))
 
     def _miss(self, frame: Frame, look: Look | None) -> None:
-        """No verified circle: the Kalman filter stands in, until the marker counts as lost or out of view."""
+        """No verified circle: the Kalman filter stands in, until the marker counts as lost or out of view. Where votes
+        are for the marker and only its outline does not show, KCF steers the filter."""
         assert self._stages is not None
         self._stages.follower.miss()
         self.misses += 1
+        away_s = (frame.stamp_ns - self.whereabouts.seen.stamp_ns) / NS_PER_S
+        if self._expected is not None and look is not None and away_s < self.config.policy.steered_s:
+            proposer, followed = look.proposals[0]
+            if proposer == "kcf" and look.verdict is Verdict.VERIFIED and _OUTLINE_ALONE.issuperset(look.doubts):
+                self.whereabouts.steer(self._expected.motion.still_circle(followed))
         sight = Sight(
             rejected=look is None or look.verdict is Verdict.REJECTED,
             gone=self.status.tracked and self.whereabouts.gone(frame),
             misses=self.misses,
-            away_s=(frame.stamp_ns - self.whereabouts.seen.stamp_ns) / NS_PER_S,
+            away_s=away_s,
             unsure_radii=self.whereabouts.unsure_radii,
         )
         self.status = next_status(self.status, sight, self.config.policy)
@@ -275,7 +291,7 @@ class MarkerChain:
 
     def view(self, frame: Frame, looks: Sequence[Look]) -> StageView | None:
         """The stages' pictures of a frame that was just settled, in the picture's own pixels; None without a look."""
-        look = max(looks, key=lambda look: look.vote_sum, default=None)
+        look = next((look for look in looks if not look.doubts), foremost(looks))
         window = None if look is None else look.patch.window.clipped(frame.width_px, frame.height_px)
         if look is None or window is None or min(window.width, window.height) < 1:
             return None
@@ -285,6 +301,13 @@ class MarkerChain:
         weights = look.claim.edge_weights if look.claim is not None else np.zeros(0)
         hough = look.hough or self._detector.hough(look.patch, look.proposals[0][1])
         return StageView(self.spec.name, window, bgr, mask, hough, edges, weights, tuple(look.maps))
+
+
+def _news(claim: Measured | None, expected: Expected) -> bool:
+    """Whether what a search found is more than another reading of what hides the marker where it was expected."""
+    if claim is None:
+        return False
+    return claim.visible > _CLEAR or claim.circle.distance(expected.circle) > expected.circle.r_px
 
 
 def _sure(claim: Measured | None, expected: Expected) -> bool:

@@ -386,7 +386,7 @@ def test_a_doubted_claim_teaches_nothing(monkeypatch):
 
     monkeypatch.setattr(OpticsLearner, "learn", spied)
     chain = MarkerChain(MarkerSpec("m", 2 * RADIUS_M), CAMERA, ChainConfig())
-    ball, away = ball_at(120, 120, 15), ball_at(142, 120, 15)
+    ball, away = ball_at(120, 120, 15), ball_at(150, 120, 15)
     estimates = [chain.seed(bgr_frame(picture(ball), 0), truth(ball))]
     for i in range(1, 13):
         estimates.append(chain.step(bgr_frame(picture(ball if i < 10 else away, noise_seed=i), i)))

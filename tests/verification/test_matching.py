@@ -11,7 +11,17 @@ from spheremcap.core.circle import Circle
 from spheremcap.core.frame import BgrFrame, Patch, Window
 from spheremcap.core.sampling import cut_bgr
 from spheremcap.verification import matching
-from spheremcap.verification.matching import MATCHERS, MATCHERS_SAD, MatchingConfig, cut_disc, make_template, match
+from spheremcap.verification.matching import (
+    MATCHERS,
+    MATCHERS_SAD,
+    Gap,
+    MatchingConfig,
+    cut_disc,
+    less_hidden,
+    make_template,
+    match,
+    widest_gap,
+)
 
 
 def six_maps(template, search, difference="SQDIFF", rows=None):
@@ -332,3 +342,81 @@ def test_a_search_too_small_for_the_template_still_answers_six_times():
     image = texture()
     template = make_template(whole(image), Circle(100, 80, 9), MatchingConfig())
     assert len(match(template, whole(image), Circle(100, 80, 9), 0.0, MatchingConfig())) == 6
+
+
+# -- what is hidden --------------------------------------------------------------------------------
+
+
+def outline(circle, *stretches, rays=48):
+    """Edge points (N, 2) on a circle at the rays whose angle, in degrees, lies within one of the stretches."""
+    angles = np.arange(rays) * 360 / rays
+    kept = np.radians([a for a in angles if any(low <= a <= high for low, high in stretches)])
+    return np.stack([circle.x_px + circle.r_px * np.cos(kept), circle.y_px + circle.r_px * np.sin(kept)], axis=1)
+
+
+DISC = Circle(90.0, 70.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("stretches", "towards", "half"),
+    [
+        ([(90, 270)], 0, 90),  # the right half is hidden: from 270 over 360 to 90
+        ([(0, 180)], -90, 90),  # y goes down: the upper half
+        ([(0, 90), (270, 352.5)], 180, 90),
+        ([(0, 52.5), (142.5, 180), (210, 352.5)], 97.5, 45),  # the wider one of two
+        ([(0, 352.5)], None, 3.75),
+    ],
+)
+def test_the_widest_stretch_without_an_edge_is_found(stretches, towards, half):
+    gap = widest_gap(DISC, outline(DISC, *stretches))
+    assert np.degrees(gap.half) == pytest.approx(half)
+    if towards is not None:
+        off = (np.degrees(gap.towards) - towards + 180) % 360 - 180
+        assert off == pytest.approx(0, abs=1e-9)
+
+
+def test_without_points_nothing_is_said_to_be_hidden():
+    assert widest_gap(DISC, np.zeros((0, 2))) == Gap()
+    assert Gap().shown == 1.0
+
+
+@pytest.mark.parametrize("half", [0.0, 45.0, 45.1, 90.0, 135.0, 180.0])
+def test_the_share_shown_is_that_of_the_disc_on_this_side_of_the_chord(half):
+    gap, n = Gap(0.0, np.radians(half)), 401
+    y, x = np.mgrid[-1 : 1 : n * 1j, -1 : 1 : n * 1j]
+    disc = np.hypot(x, y) <= 1
+    shown = (disc & (x <= np.cos(gap.half))).sum() / disc.sum() if half > 45 else 1.0
+    assert gap.shown == pytest.approx(shown, abs=5e-3)
+
+
+@settings(deadline=None, max_examples=60)
+@given(towards=st.floats(-7, 7), half=st.floats(0.8, 3.14))
+def test_a_template_loses_just_what_lies_beyond_the_chord(towards, half):
+    template = make_template(whole(texture()), DISC, MatchingConfig())
+    kept = less_hidden(template, Gap(towards, half))
+    middle = (len(template.rows) - 1) // 2
+    for i, ((first, end), (low, high)) in enumerate(zip(kept.rows, template.rows, strict=True)):
+        columns = np.arange(low, high)
+        depth = np.cos(towards) * (columns - middle) + np.sin(towards) * (i - middle)
+        this_side = columns[depth <= template.r_px * np.cos(half) + 1e-9]
+        near = np.abs(depth - template.r_px * np.cos(half)) < 1e-6
+        assert set(range(first, end)) ^ set(this_side.tolist()) <= set(columns[near].tolist())
+    assert kept.pixels is template.pixels
+
+
+def test_a_quarter_that_shows_no_edge_hides_nothing():
+    template = make_template(whole(texture()), DISC, MatchingConfig())
+    assert less_hidden(template, Gap(0.3, np.pi / 4)) is template
+
+
+def test_six_matchers_find_a_marker_of_which_half_is_covered_by_what_shows():
+    before = (110 + 0.1 * (texture(seed=1) - 128.0)).astype(np.uint8)
+    after = before.copy()
+    after[:, 88:] = 235  # a bright board comes over its right half
+    template = make_template(whole(before), DISC, MatchingConfig())
+    claimed = DISC.shifted(0.4, 0.2)
+    gap = widest_gap(claimed, outline(claimed, (90, 270)))
+    plain = match(template, whole(after), DISC.shifted(6, 4), 20.0, MatchingConfig(), claimed)
+    shown = match(less_hidden(template, gap), whole(after), DISC.shifted(6, 4), 20.0, MatchingConfig(), claimed)
+    assert sum(shown.overlaps) > 4.9
+    assert sum(plain.overlaps) < sum(shown.overlaps) - 1

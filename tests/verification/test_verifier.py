@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from scenes import BLUE, ball_at, bgr_frame, picture, truth
+from scenes import BLUE, Cover, ball_at, bgr_frame, picture, truth
 from spheremcap.core.frame import Patch, Window
 from spheremcap.core.look import EdgePoints, Measured
 from spheremcap.core.optics import AT_REST
@@ -115,3 +115,48 @@ def test_votes_reach_as_far_as_the_claim_lies_but_only_so_far():
     assert reach(claim(), 40.0) == round(HERE.r_px * a_px)  # of the prior's reach no more than a radius
     assert reach(claim(HERE.shifted(20, 0)), 7.0) == round((20 + 0.3 * HERE.r_px) * a_px)
     assert reach(claim(HERE.shifted(60, 0)), 7.0) == round(3.5 * HERE.r_px * a_px)
+
+
+# -- what is hidden --------------------------------------------------------------------------------
+
+
+def half(circle):
+    """A claim of which only the left half of the outline shows an edge; on the right something else has weak ones."""
+    angles = np.arange(48) * 2 * np.pi / 48
+    points = np.stack([circle.x_px + circle.r_px * np.cos(angles), circle.y_px + circle.r_px * np.sin(angles)], axis=1)
+    weights = np.where(np.cos(angles) <= 1e-9, 1.0, 0.2)
+    edges = EdgePoints(points, np.full(48, 0.1), np.arange(48), np.zeros(48), 48, 1.0)
+    return Measured(
+        circle, (0.1,) * 3, np.array([0, 0, 1.0]), np.eye(3), 0.52, "kcf", edges, weights, np.zeros(48), AT_REST
+    )
+
+
+def covered_half(seed=1):
+    mark = ball_at(155, 115, 5, rgb=(20, 30, 60), radius_m=0.0065)
+    cover = Cover(160, 80, 200, 160, (90, 200, 240))
+    return Patch(bgr_frame(picture(BALL, mark, covers=(cover,), noise_seed=seed)), Window(100, 60, 121, 121))
+
+
+def test_votes_are_cast_on_what_shows_of_a_claim_as_large_as_the_marker():
+    as_a_whole = look(started(FIRST), covered_half(), measured=claim(visible=0.52))
+    by_what_shows = look(started(FIRST), covered_half(), measured=half(HERE))
+    assert by_what_shows.vote_sum > max(5.0, as_a_whole.vote_sum + 0.5)
+
+
+@pytest.mark.parametrize(("ratio", "cut"), [(1.21, True), (1.23, False), (0.83, True), (0.81, False)])
+def test_one_that_is_larger_or_smaller_is_compared_as_a_whole(monkeypatch, ratio, cut):
+    gaps = []
+    keep = rooms.less_hidden
+    monkeypatch.setattr(rooms, "less_hidden", lambda template, gap: (gaps.append(gap), keep(template, gap))[1])
+    look(started(FIRST), FIRST, measured=half(HERE.resized(HERE.r_px * ratio)))
+    assert (gaps[0].half > 1.0) == cut
+
+
+def test_a_look_says_whether_it_is_elsewhere_and_how_alike_that_is():
+    verifier = started(FIRST)
+    assert not look(verifier, FIRST, measured=claim()).elsewhere
+    away = look(verifier, FIRST, measured=claim(), lost=True)
+    assert away.elsewhere
+    assert "likeness" not in away.doubts
+    blue = Patch(bgr_frame(picture(ball_at(160, 120, 15, rgb=BLUE))), Window(100, 60, 121, 121))
+    assert "likeness" in look(verifier, blue, measured=claim(), lost=True).doubts

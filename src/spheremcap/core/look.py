@@ -87,7 +87,8 @@ class Look:
     `around` is where it was looked for, on `patch`, at the marker's own scale. `proposals` are the stages' circles by
     name, `hough` all of Hough's, `claim` the one with an outline, measured, or None. `votes` are the six matchers'
     (of `maps`), `vote_sum` their sum in [0, 6], and `doubts` the names of the checks that the claim fails so far.
-    `limits` are the marker's colours on this patch; None where colour is not asked.
+    `limits` are the marker's colours on this patch; None where colour is not asked. `elsewhere` says that it is not
+    where a marker that is followed was expected, but where one that was missed or lost may have gone.
     """
 
     around: Circle
@@ -101,3 +102,10 @@ class Look:
     vote_sum: float
     verdict: Verdict
     doubts: tuple[str, ...]
+    elsewhere: bool = False
+
+
+def foremost(looks: Iterable[Look]) -> Look | None:
+    """The look by which a frame without a verified circle is told: the one where the marker was expected, else the one
+    with the most votes."""
+    return min(looks, key=lambda look: (look.elsewhere, -look.vote_sum), default=None)

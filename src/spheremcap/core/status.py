@@ -37,6 +37,9 @@ class PolicyConfig(StageConfig):
         1.0, ge=0, description="and the filter's deviation sideways from which it no longer stands in, radii; ours"
     )
     immediate: bool = Field(False, description="true: lost at the first sum below TH2 (thesis line 1143)")
+    steered_s: float = Field(
+        1.0, ge=0, description="seconds that KCF may steer the filter while no outline verifies; ours"
+    )
     out_of_view_s: float = Field(1.0, ge=0, description="seconds out of the picture before it counts as LOST")
 
 

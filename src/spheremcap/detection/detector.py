@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import Frame, Patch, Window
 from spheremcap.core.look import Expected, FloatArray, Measured
-from spheremcap.core.optics import AT_REST, bounded_blur
-from spheremcap.detection.acquire import AcquireConfig, acquire
+from spheremcap.core.optics import bounded_blur
+from spheremcap.detection.acquire import AcquireConfig, Candidate, acquire
 from spheremcap.detection.appearance import Appearance
 from spheremcap.detection.colour import ColourConfig, box_mask, colour_circle
 from spheremcap.detection.hough import HoughConfig, hough_circles
@@ -108,16 +108,17 @@ class Detector:
                 claim = other
         return claim
 
-    def candidates(self, frame: Frame, region: Window, last: Circle, appearance: Appearance) -> Iterator[Circle]:
-        """Circles in a region that a lost marker may have come back to, by colour and shape, most likely first; `last`
-        is as it was last verified."""
+    def candidates(self, frame: Frame, region: Window, last: Circle, appearance: Appearance) -> Iterator[Candidate]:
+        """Places in a region that a marker may have gone to, by colour and shape, most likely first; `last` is as it
+        was last verified."""
         yield from acquire(frame, appearance.box, appearance.gain, last, region, self._acquire)
 
     def claimed(
-        self, frame: Frame, patch: Patch, candidate: Circle, last: Circle, softness: float, appearance: Appearance
+        self, frame: Frame, patch: Patch, candidate: Candidate, expected: Expected, appearance: Appearance
     ) -> Detected:
-        """What is at a candidate: as large as the marker was, should a part be hidden; and as large as the blob."""
-        limits = self._limits(patch, candidate, appearance)
-        proposals: Proposals = (("acquire", candidate.resized(last.r_px)), ("colour", candidate))
-        motion = replace(AT_REST, softness=softness)
-        return Detected(proposals, (), limits, self.outline.longest(frame, proposals, motion, limits, None))
+        """What is at a candidate: as large as the marker should be, with any side of it hidden; and as the blob is."""
+        limits = self._limits(patch, candidate.circle, appearance)
+        first, *others = [("acquire", circle) for circle in candidate.wholes(expected.circle.r_px)]
+        proposals: Proposals = (first, ("colour", candidate.circle), *others)
+        claim = self.outline.longest(frame, proposals, expected.motion, limits, expected)
+        return Detected(proposals, (), limits, claim)

@@ -41,6 +41,7 @@ _ALIKE = 8.0  # neighbouring frames that share what hides a part
 _WHOLE_SD = 0.005  # relative deviation of the radius of an outline that is seen as a whole
 _RANGE_SD = 0.01  # the filter's distance is no surer than this, relative
 _SIZE_CHANGE = 0.1  # of the radius from one frame to the next: as much is usual
+_SIZE_OPEN = 0.3  # relative deviation of the expected radius from which it is not known any better
 _SIZE_LEAP = 1.5  # most that a claim's size may differ from the first proposal's, either way
 _AGREES = 0.3  # least weight of an edge point that counts as the outline's
 _SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated
@@ -102,8 +103,11 @@ class Outline:
             # not one that by itself is much larger or smaller than expected, or far from there: what covers a marker
             # has an outline too.
             r_px, r_sd = _size_alone(measured)
-            leap = math.log(r_px / usual_r_px) / math.hypot(_SIZE_CHANGE, r_sd)
-            off = 0.0 if expected is None else measured.circle.distance(expected.circle) / expected.reach_px
+            off, r_known = 0.0, 0.0
+            if expected is not None:
+                off = measured.circle.distance(expected.circle) / expected.reach_px
+                r_known = min(expected.range_sd, _SIZE_OPEN)
+            leap = math.log(r_px / usual_r_px) / math.hypot(_SIZE_CHANGE, r_sd, r_known)
             arc_px = measured.visible * min(measured.circle.r_px, usual_r_px) / (1 + leap * leap + off * off)
             if best is None or arc_px > best_arc_px:
                 best, best_arc_px = measured, arc_px

@@ -1,7 +1,7 @@
 """Where one marker is, in metres and in the picture: the Kalman filter before a camera."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,9 +9,10 @@ from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import Frame, Window
 from spheremcap.core.look import Expected, FloatArray, Measured
-from spheremcap.core.optics import Optics
+from spheremcap.core.optics import AT_REST, Optics
 from spheremcap.core.time import NS_PER_S
 from spheremcap.positioning.kalman import KalmanConfig, Moment, Track3D
+from spheremcap.positioning.size import SizeTrack
 from spheremcap.positioning.sphere import (
     PositionConfig,
     circle_of_sphere,
@@ -21,17 +22,31 @@ from spheremcap.positioning.sphere import (
 )
 
 _GROWTH = 2.0  # greatest ratio of a followed marker's radius to the expected one
+_FOLLOWED_SD, _FOLLOWED_RANGE_SD = 0.25, 0.3  # of a place that is only followed: sideways in radii, the distance
+_FREE_S = 0.05  # time after which a marker may be two radii from where its motion brings it, whatever that was
+_SIZE_OPEN = 0.3  # relative deviation of a distance from which a marker's size is not known
+_ANYWHERE = 4.0  # radii within which a claim counts as at the candidate that it was found from
 
 
 @dataclass(frozen=True, slots=True)
 class Absence:
-    """A lost marker: where it would be (`xyz_cam_m`), how far from there it can be (`tolerance_m`), the part of the
-    picture where that can show, and the greatest ratio of radii since it was last seen."""
+    """A lost marker: where it would be (`xyz_cam_m`, and its `circle` in the picture, as large as it should be), how
+    far from there it can be (`tolerance_m`), the part of the picture where that can show, and the greatest ratio of
+    radii since it was last seen; and how far away its size says that it is, metres and relative deviation."""
 
     xyz_cam_m: FloatArray
+    circle: Circle
     tolerance_m: float
     region: Window
     growth: float
+    range_m: float
+    range_sd: float
+
+    def at(self, candidate: Circle, interval_s: float, softness: float) -> Expected:
+        """What is expected of the marker were it at a candidate: nothing is known of how it moves."""
+        circle = candidate.resized(self.circle.r_px)
+        motion, reach_px = replace(AT_REST, softness=softness), _ANYWHERE * circle.r_px
+        return Expected(circle, 0.0, self.range_m, self.range_sd, np.zeros(2), interval_s, motion, True, reach_px)
 
 
 class Whereabouts:
@@ -40,7 +55,7 @@ class Whereabouts:
     def __init__(self, radius_m: float, camera: Camera, kalman: KalmanConfig, position: PositionConfig) -> None:
         self.radius_m, self.camera, self._position = radius_m, camera, position
         self._acceleration_mps2 = kalman.acceleration_mps2
-        self.track = Track3D(kalman)
+        self.track, self.size = Track3D(kalman), SizeTrack()
         self.circle = Circle(0, 0, 1)  # as last verified
         self.seen = Moment(0, np.zeros(6), np.zeros((6, 6)))  # the filter's state then
 
@@ -65,45 +80,76 @@ class Whereabouts:
         square = float(place @ place)
         range_sd = math.sqrt(float(place @ moment.covariance[:3, :3] @ place)) / square
         reach_px = min(max(3 * spread_px, 0.5 * circle.r_px), 3 * circle.r_px)
-        return Expected(
-            circle, spread_px, math.sqrt(square), range_sd, rate_px, interval_s, motion, exposure_known, reach_px
-        )
+        range_m = math.sqrt(square)
+        sized_m, sized_sd = self.size.expect(frame.stamp_ns)
+        if sized_sd < range_sd:
+            circle = circle.resized(circle.r_px * range_m / sized_m)
+            range_m, range_sd = sized_m, sized_sd
+        return Expected(circle, spread_px, range_m, range_sd, rate_px, interval_s, motion, exposure_known, reach_px)
 
     def absence(self, frame: Frame, left: bool) -> Absence:
-        """What is known of a lost marker, had it moved on evenly. One that `left` the picture comes back where it went
-        out: it is expected there, give or take the way it can go, and in that half of the picture."""
+        """What is known of a lost marker, had it moved on evenly. One that would be outside the picture comes back
+        where it went out: it is expected there, give or take the way it can go; and in that half of the picture where
+        it surely `left`."""
         age_s = (frame.stamp_ns - self.seen.stamp_ns) / NS_PER_S
         variance = np.diag(self.seen.covariance)
         drift_m = float(np.sqrt(variance[:3].max() + variance[3:].max() * age_s**2))
         way_m = self.seen.velocity_cam_mps * age_s
-        tolerance_m = 2 * self.radius_m + 3 * drift_m + 0.5 * self._acceleration_mps2 * age_s**2
-        xyz = self.seen.xyz_cam_m
-        if left:
+        strayed_m = 2 * self.radius_m * min(1.0, abs(age_s) / _FREE_S)
+        tolerance_m = strayed_m + 3 * drift_m + 0.5 * self._acceleration_mps2 * age_s**2
+        xyz = self.seen.xyz_cam_m + way_m
+        centre = circle_of_sphere(xyz, self.radius_m, self.camera)
+        if left or centre is None or outside_px(frame, centre) > centre.r_px:
+            xyz, centre = self.seen.xyz_cam_m, self.circle
             tolerance_m += float(np.linalg.norm(way_m))
-        else:
-            xyz = xyz + way_m
-        centre = circle_of_sphere(xyz, self.radius_m, self.camera) or self.circle
         reach_px = self.circle.r_px * (3 + tolerance_m / self.radius_m)
         region = Window.around(centre, min(reach_px, 2.0 * max(frame.width_px, frame.height_px)))
         if left:
             region = _near_half(frame, self.circle, region)
-        return Absence(xyz, tolerance_m, region, math.exp(min(0.15 + 2.0 * max(age_s, 0.0), 5.0)))
+        growth = math.exp(min(0.15 + 2.0 * max(age_s, 0.0), 5.0))
+        range_m, range_sd = self.size.expect(frame.stamp_ns)
+        # Away for long it may have any size, and is sought as it was.
+        ratio = float(np.linalg.norm(self.seen.xyz_cam_m)) / range_m if range_sd < _SIZE_OPEN else 1.0
+        circle = centre.resized(self.circle.r_px * ratio)
+        return Absence(xyz, circle, tolerance_m, region, growth, range_m, range_sd)
 
     def surprise(self, claim: Measured, absence: Absence | None) -> tuple[float, float]:
         """How far a claim is from where the marker should be, 1 at the farthest that is believed, and the greatest
         ratio of radii that is."""
         if absence is None:
             return self.track.surprise(*claim.outline_alone), _GROWTH
-        slack_m = absence.tolerance_m + 3 * float(np.sqrt(np.trace(claim.covariance_m2)))
-        return float(np.linalg.norm(claim.xyz_cam_m - absence.xyz_cam_m)) / slack_m, absence.growth
+        # The distance is much less sure than the place sideways, and must not excuse what is far aside.
+        ray = claim.xyz_cam_m / np.linalg.norm(claim.xyz_cam_m)
+        off, deep = claim.xyz_cam_m - absence.xyz_cam_m, float(ray @ claim.covariance_m2 @ ray)
+        along = float(off @ ray)
+        across, spread = float(np.linalg.norm(off - along * ray)), float(np.trace(claim.covariance_m2)) - deep
+        surprise = math.hypot(
+            along / (absence.tolerance_m + 3 * math.sqrt(deep)),
+            across / (absence.tolerance_m + 3 * math.sqrt(max(spread, 0.0))),
+        )
+        return surprise, absence.growth
 
     def accept(self, stamp_ns: int, claim: Measured, again: bool) -> None:
         """Take a verified claim in; `again` starts the filter with it."""
+        place, covariance = claim.outline_alone
+        square = float(place @ place)
+        range_m, range_sd = math.sqrt(square), math.sqrt(float(place @ covariance @ place)) / square
         if again:
-            self.track.start(stamp_ns, *claim.outline_alone)
+            self.track.start(stamp_ns, place, covariance)
+            self.size.start(stamp_ns, range_m, range_sd)
         else:
-            self.track.update(*claim.outline_alone)
+            self.track.update(place, covariance)
+            self.size.update(stamp_ns, range_m, range_sd)
         self.circle, self.seen = claim.circle, self.track.now
+
+    def steer(self, followed: Circle) -> None:
+        """Keep the filter with a marker whose outline does not show, but which was followed to a circle (as a global
+        shutter has it). Nothing is measured by that."""
+        range_m = float(np.linalg.norm(self.track.now.xyz_cam_m))
+        place = sphere_of_circle(followed, self.radius_m, self.camera)
+        ray = place / np.linalg.norm(place)
+        spread = np.eye(3) * (_FOLLOWED_SD * self.radius_m) ** 2
+        self.track.update(ray * range_m, spread + ray[:, None] * ray * (_FOLLOWED_RANGE_SD * range_m) ** 2)
 
     @property
     def unsure_radii(self) -> float:

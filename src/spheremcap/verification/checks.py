@@ -15,6 +15,9 @@ _COVERED = 0.8  # share of a claim's disc from which the marker before it hides 
 _LITTLE, _LEAST_IN_PICTURE = 0.6, 0.3  # shares of the outline
 _CLEAR, _NO_LEAP = 0.7, 0.6  # share of the outline, and `off_expected`, of a claim that is no leap
 _AS_EXPECTED = 0.15  # `off_expected` of a claim that is just where the filter has the marker
+_ON_ITS_WAY = 2.0  # radii from where a lost marker would be, had it moved on evenly
+_NOT_HIDDEN = 0.4  # share of a disc's hidden part in the marker's colours from which nothing can hide it
+_INSIDE = 0.9  # share of the outline in the picture from which a claim can be compared as a whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +30,8 @@ class Case:
     `growth` the greatest ratio of radii, either way, that time allows. `colour` is the shares of the seed's colours
     inside the claim and in a ring around it, `seeded_colour` those of the seed; None where colour is not asked.
     `seed_vote` is the mean vote in [0, 1] of the seed's template; None where it is not asked. `in_picture` is the share
-    of the claim's outline inside the picture.
+    of the claim's outline inside the picture, `shown` that of its disc that nothing seems to hide (`Gap.shown`), and
+    `likeness` the normalised correlation of what is seen with the template.
     """
 
     claim: Circle
@@ -41,12 +45,19 @@ class Case:
     seeded_colour: tuple[float, float]
     seed_vote: float | None
     in_picture: float = 1.0
+    shown: float = 1.0
+    likeness: float = 1.0
 
     @property
     def off_expected(self) -> float:
         """How far the claim is from the expected circle: radii aside, and three times the logarithm of the sizes."""
         r_px = self.expected.r_px
         return self.claim.distance(self.expected) / r_px + 3 * abs(math.log(self.claim.r_px / r_px))
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether it is just where, and as large as, a marker that is followed was expected."""
+        return not self.lost and self.surprise <= 1 and self.off_expected < _AS_EXPECTED
 
     @property
     def little_seen(self) -> bool:
@@ -56,28 +67,34 @@ class Case:
 
 def _outline(case: Case, jury: JuryConfig) -> bool:
     """Enough of the outline shows an edge."""
-    return case.visible >= min(jury.lost_visible if case.lost else jury.visible, 0.5 * case.seeded_visible)
+    least = jury.lost_visible if case.lost else jury.visible
+    on_its_way = case.lost and case.claim.distance(case.expected) < _ON_ITS_WAY * case.expected.r_px
+    if on_its_way or case.as_expected:
+        least = min(least, jury.near_visible)
+    return case.visible >= min(least, 0.5 * case.seeded_visible)
 
 
 def _seed(case: Case, jury: JuryConfig) -> bool:
     """The seed's template, which does not follow, agrees with a claim of which little is seen; or it is just where and
     as large as a marker that is followed was expected. What hides the rest of it hides it from the template too."""
-    as_expected = not case.lost and case.surprise <= 1 and case.off_expected < _AS_EXPECTED
-    return as_expected or case.seed_vote is None or case.seed_vote > jury.seed_template
+    return case.as_expected or case.seed_vote is None or case.seed_vote > jury.seed_template
 
 
 def _colour(case: Case, jury: JuryConfig) -> bool:
     """The claim holds the seed's colours, as far as it is seen."""
     if case.colour is None:
         return True
-    least = (jury.lost_colour if case.lost else jury.seed_colour) * max(0.4, case.visible) * case.seeded_colour[0]
-    return case.colour[0] >= least
+    shown = min(max(0.4, case.visible), case.shown)
+    return case.colour[0] >= (jury.lost_colour if case.lost else jury.seed_colour) * shown * case.seeded_colour[0]
 
 
 def _part(case: Case, jury: JuryConfig) -> bool:
-    """The seed's colours do not go on around a claim of which little is seen: it would be a part of the marker."""
+    """The seed's colours do not go on around a claim of which little is seen, nor, unless it is just as expected, over
+    what would be hidden of it: it would be a part of the marker, or of something larger."""
     if case.colour is None or not case.little_seen:
         return True
+    if not case.as_expected and case.colour[0] > case.shown + _NOT_HIDDEN:
+        return False
     return case.colour[1] <= min(0.75, jury.seed_around + case.seeded_colour[1])
 
 
@@ -94,6 +111,12 @@ def _size(case: Case, jury: JuryConfig) -> bool:
     return 1 / case.growth <= case.claim.r_px / case.expected.r_px <= case.growth
 
 
+def _likeness(case: Case, jury: JuryConfig) -> bool:
+    """What was lost looks like the marker: six matchers find their best place in anything. What the picture's border
+    cuts off cannot be compared."""
+    return not case.lost or case.in_picture < _INSIDE or case.likeness >= jury.lost_likeness
+
+
 CHECKS: Mapping[str, Callable[[Case, JuryConfig], bool]] = {
     "outline": _outline,
     "seed": _seed,
@@ -101,6 +124,7 @@ CHECKS: Mapping[str, Callable[[Case, JuryConfig], bool]] = {
     "part": _part,
     "gate": _gate,
     "size": _size,
+    "likeness": _likeness,
 }
 """By name. "covered" is the one more, asked when the frame's other markers are settled."""
 

@@ -28,6 +28,12 @@ class JuryConfig(StageConfig):
     seed_template: float = Field(
         0.6, ge=0, le=1, description="least vote of the seed's template, on average, for a claim little seen"
     )
+    near_visible: float = Field(
+        0.25, ge=0, le=1, description="least share of the outline of a claim just where the marker is expected"
+    )
+    lost_likeness: float = Field(
+        0.7, ge=0, le=1, description="least correlation (CCORR_NORMED) with the template of a marker that was lost"
+    )
     lost_visible: float = Field(0.4, ge=0, le=1, description="least share of the outline of a marker that was lost")
     visible: float = Field(0.3, ge=0, le=1, description="least share of the outline that shows an edge")
 

@@ -23,6 +23,8 @@ from spheremcap.core.view import ResponseMap
 
 F32 = npt.NDArray[np.float32]
 
+_QUARTER = math.pi / 4  # half of the widest stretch without an edge that a whole marker may have
+
 MATCHERS = ("CCORR", "CCORR_NORMED", "CCOEFF", "CCOEFF_NORMED", "SQDIFF", "SQDIFF_NORMED")
 MATCHERS_SAD = (*MATCHERS[:4], "SAD", "SAD_NORMED")
 BEST_IS_LOW = (False, False, False, False, True, True)
@@ -369,6 +371,52 @@ def make_template(patch: Patch, circle: Circle, config: MatchingConfig) -> Templ
     step = local.r_px / config.template_r_px
     pixels, rows = cut_disc(patch.bgr, local.x_px, local.y_px, step, config.margin * config.template_r_px)
     return Template(pixels, rows, config.template_r_px, circle)
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """The widest stretch of an outline that shows no edge: its middle and half of it, angles from the circle's centre
+    (x to y), radians. What lies beyond its chord counts as hidden, unless the stretch is a quarter or less."""
+
+    towards: float = 0.0
+    half: float = 0.0
+
+    @property
+    def shown(self) -> float:
+        """The share of the disc that is not hidden."""
+        return 1.0 if self.half <= _QUARTER else 1 - (2 * self.half - math.sin(2 * self.half)) / (2 * math.pi)
+
+
+def widest_gap(circle: Circle, edges_px: npt.NDArray[np.float64]) -> Gap:
+    """The widest gap between the edge points (N, 2) of a circle's outline, both in image pixels; none where there are
+    no points to tell."""
+    if len(edges_px) == 0:
+        return Gap()
+    angles = np.sort(np.arctan2(edges_px[:, 1] - circle.y_px, edges_px[:, 0] - circle.x_px))
+    gaps = np.diff(np.append(angles, angles[0] + 2 * math.pi))
+    widest = int(gaps.argmax())
+    half = float(gaps[widest]) / 2
+    return Gap(float(angles[widest]) + half, half)
+
+
+def less_hidden(template: Template, gap: Gap) -> Template:
+    """The template without what lies beyond the chord of a gap in the outline; ours: six matchers that compare with
+    what hides a half of the marker outvote the half that shows."""
+    if gap.half <= _QUARTER:
+        return template
+    across, down = math.cos(gap.towards), math.sin(gap.towards)
+    rows, middle = template.rows.copy(), (len(template.rows) - 1) // 2
+    for i in range(len(rows)):
+        # Kept are the columns with across * x + down * y up to the chord's distance from the centre.
+        left = template.r_px * math.cos(gap.half) - down * (i - middle)
+        if abs(across) < 1e-9:
+            first, end = (rows[i, 0], rows[i, 1]) if left >= 0 else (middle, middle)
+        elif across > 0:
+            first, end = rows[i, 0], min(rows[i, 1], middle + math.floor(left / across) + 1)
+        else:
+            first, end = max(rows[i, 0], middle + math.ceil(left / across)), rows[i, 1]
+        rows[i] = first, max(first, end)
+    return Template(template.pixels, rows, template.r_px, template.circle)
 
 
 def match(

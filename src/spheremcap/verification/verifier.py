@@ -1,5 +1,6 @@
 """Is it true: six votes on a claim, and the named checks that the votes alone would not make."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -11,16 +12,29 @@ from spheremcap.detection.appearance import Appearance
 from spheremcap.detection.detector import Detected
 from spheremcap.verification.checks import Case, covered, doubts
 from spheremcap.verification.jury import JuryConfig, cast_votes, judge, template_vote, vote_sum
-from spheremcap.verification.matching import MatchingConfig, make_template, match
+from spheremcap.verification.matching import (
+    MATCHERS,
+    Gap,
+    Matches,
+    MatchingConfig,
+    less_hidden,
+    make_template,
+    match,
+    widest_gap,
+)
 
+_CCORR_NORMED = MATCHERS.index("CCORR_NORMED")
+_AS_LARGE = 0.2  # logarithm of the ratio of radii up to which a claim may be a marker of which a part is hidden
+_AGREES = 0.3  # least weight of an edge point that counts as the outline's
 _FARTHEST = 3.5  # radii from the expected place that matchers look for a claim that far off
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
     """What was known of a marker before a look: the circle `around` which it was sought and how far, pixels; whether it
-    was `lost`; the circle it should have (`expected`), the greatest ratio of radii (`growth`), and how `surprise`d one
-    is to find it there, as in `Case`; whether it was not verified on the frame before (`missed`)."""
+    is sought as one that was `lost`; the circle it should have (`expected`), the greatest ratio of radii (`growth`),
+    and how `surprise`d one is to find it there, as in `Case`; whether it was not verified on the frame before
+    (`missed`)."""
 
     around: Circle
     reach_px: float
@@ -56,14 +70,14 @@ class Verifier:
         if circle is not None:
             reach_px = max(reach_px, min(circle.distance(prior.around) + 0.3 * size, _FARTHEST * size))
         # One that was missed may look as it did when last verified or as it did when a person showed it.
-        tried = []
+        gap, tried = _hidden(claim, prior), []
         for template in (self._template, self._seeded) if prior.missed else (self._template,):
-            matches = match(template, patch, prior.around, reach_px, self._matching, circle)
+            matches = match(less_hidden(template, gap), patch, prior.around, reach_px, self._matching, circle)
             votes = cast_votes(matches)
             tried.append((vote_sum(votes), votes, matches))
         total, votes, matches = max(tried, key=lambda one: one[0])
         verdict = judge(total, self._jury) if claim is not None else Verdict.REJECTED
-        against = ("no outline",) if claim is None else self._doubts(patch, claim, prior)
+        against = ("no outline",) if claim is None else self._doubts(patch, claim, prior, gap.shown, matches)
         if claim is not None and verdict is not Verdict.VERIFIED:
             against = ("votes", *against)
         return Look(
@@ -78,9 +92,10 @@ class Verifier:
             total,
             verdict,
             against,
+            prior.lost,
         )
 
-    def _doubts(self, patch: Patch, claim: Measured, prior: Prior) -> tuple[str, ...]:
+    def _doubts(self, patch: Patch, claim: Measured, prior: Prior, shown: float, matches: Matches) -> tuple[str, ...]:
         appearance, vote = self._appearance, None
         if claim.visible < 0.7 and not prior.lost:
             vote = template_vote(self._seeded, appearance.gain, patch, claim.circle, self._matching)
@@ -89,13 +104,21 @@ class Verifier:
             colour=appearance.shares(patch, claim.circle) if self._colour else None,
             seeded_colour=(appearance.inside, appearance.around),
             seed_vote=vote,
-            in_picture=claim.in_picture,
+            in_picture=claim.in_picture, shown=shown, likeness=matches.scores[_CCORR_NORMED],
         )  # fmt: skip
         return doubts(case, self._jury)
 
     def learn(self, patch: Patch, circle: Circle) -> None:
         """Take the template from a verified circle (image pixels)."""
         self._template = make_template(patch, circle, self._matching)
+
+
+def _hidden(claim: Measured | None, prior: Prior) -> Gap:
+    """The part of a claim that something may hide: none of one that is not as large as the marker should be, which may
+    be a part itself."""
+    if claim is None or abs(math.log(claim.circle.r_px / prior.expected.r_px)) > _AS_LARGE:
+        return Gap()
+    return widest_gap(claim.circle, claim.edges.points_px[claim.edge_weights > _AGREES])
 
 
 def uncovered(look: Look, taken: Sequence[Circle]) -> Look:
