@@ -70,7 +70,7 @@ def merge(
     """
     from spheremcap.merge.clock import parse_drift, parse_offset
     from spheremcap.merge.dataset import Source, merge
-    from spheremcap.merge.sensors import load_mapping
+    from spheremcap.merge.mapping import load_mapping
 
     loaded()
     given = [_input(text) for text in inputs]

@@ -13,8 +13,10 @@ from spheremcap.io.join import McapStream, Merged, Stream, merge_streams
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.sources import is_recording
 from spheremcap.merge.clock import Clock
+from spheremcap.merge.log import SensorLog
+from spheremcap.merge.mapping import TableMapping
 from spheremcap.merge.samples import SensorStream
-from spheremcap.merge.sensors import SensorLog, TableMapping, read_sensors
+from spheremcap.merge.sensors import read_sensors
 from spheremcap.merge.sync import Sync, SyncConfig, residual_log, sync_marker
 
 

@@ -17,7 +17,8 @@ from spheremcap.io import _pb
 from spheremcap.io.join import CLOCK_METADATA, OutMessage, SharedWriter, in_range
 from spheremcap.io.mcap_log import schema_id
 from spheremcap.merge.clock import Clock
-from spheremcap.merge.sensors import SensorLog, topic_name
+from spheremcap.merge.header import topic_name
+from spheremcap.merge.log import SensorLog
 
 
 @dataclass

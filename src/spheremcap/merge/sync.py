@@ -30,7 +30,7 @@ from scipy.signal import fftconvolve, savgol_filter
 from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import SpheremcapError
 from spheremcap.merge.clock import Clock
-from spheremcap.merge.sensors import SensorLog
+from spheremcap.merge.log import SensorLog
 from spheremcap.merge.units import G as STANDARD_GRAVITY
 
 FloatArray = npt.NDArray[np.float64]

@@ -1,29 +1,42 @@
-"""Delimited text and Parquet as columns of numbers, with every fault located by file, line and column."""
+"""Delimited text, Excel and Parquet as columns of numbers, with every fault located by file, line and column.
 
+Text is UTF-8 (with Windows' Western letters where that fails) or UTF-16. A last line that is cut off is left out and
+said; a fault anywhere else is an error.
+"""
+
+import codecs
 import csv
 import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from spheremcap.core.time import format_time, parse_time_ns
 from spheremcap.errors import SourceError, UsageError
-from spheremcap.merge.units import TIME_UNITS, is_unit, plain
+from spheremcap.merge.sheets import COLUMNAR, EXCEL, open_sheet, read_sheet
+from spheremcap.merge.times import is_missing, is_time
+from spheremcap.merge.units import is_known, is_unit, plain
 
 FloatArray = npt.NDArray[np.float64]
-StampArray = npt.NDArray[np.int64]
 
-_HEAD_LINES = 60
-_DATE = re.compile(r"^\d{4}[-/]\d\d?[-/]\d\d?[T _]\d")
+_HEAD_LINES = 200
 _COMMA_DECIMAL = re.compile(r"^[+-]?\d+,\d+(?:[eE][+-]?\d+)?$")
 _UNIT_IN_NAME = re.compile(r"^(.*?)\s*[\(\[]\s*([^()\[\]]*(?:\([^()]*\)[^()\[\]]*)?)\s*[\)\]]\s*$")
+_UNIT_BEHIND = re.compile(r"^(.*?[^\s/])(?:\s+(?:in\s+)?|\s*/\s*\(?)([^\s()]{2,}|[sgmNhC°])\)?$")
+_OLD_SHEETS = (".xls", ".xlsb", ".ods", ".numbers")
+
+
+class Line(NamedTuple):
+    """One line of a table: its number from 1, its cells, and whether it has a line end."""
+
+    number: int
+    cells: list[str]
+    ended: bool = True
 
 
 @dataclass(frozen=True)
@@ -32,7 +45,7 @@ class Table:
     read on.
 
     `preamble` are the lines before the names. `first_line` is the number, from 1, of the first line with
-    numbers.
+    numbers; `head` are the first of those.
     """
 
     path: Path
@@ -42,7 +55,12 @@ class Table:
     delimiter: str
     first_line: int
     decimal_comma: bool
-    first_row: tuple[str, ...]
+    head: tuple[tuple[str, ...], ...]
+
+    @property
+    def first_row(self) -> tuple[str, ...]:
+        """The first line with numbers."""
+        return self.head[0]
 
     def column(self, wanted: str | int) -> int:
         """The index of a column by its name (case and blanks do not count) or its number from 1."""
@@ -50,6 +68,8 @@ class Table:
             if 1 <= wanted <= len(self.first_row):
                 return wanted - 1
             raise UsageError(f"{self.path}: there is no column {wanted}, only {len(self.first_row)}")
+        if wanted in self.names:
+            return self.names.index(wanted)
         bare = [bare_name(name) for name in self.names]
         for candidates in (bare, [bare_name(split_unit(name)[0]) for name in self.names]):
             if bare_name(wanted) in candidates:
@@ -58,13 +78,29 @@ class Table:
         raise UsageError(f"{self.path}: there is no column {wanted!r}; there are: {there}")
 
     def unit(self, index: int) -> str:
-        """The unit of a column: from a row of units, or in brackets behind its name."""
+        """The unit of a column: from a row of units, or behind its name."""
         return self.units[index] or (split_unit(self.names[index])[1] if self.names else "")
+
+    def title(self, index: int) -> str:
+        """A column for a person: `column 2 (acc_x)`."""
+        name = f" ({self.names[index]})" if self.names and self.names[index] else ""
+        return f"column {index + 1}{name}"
 
     def where(self, index: int) -> str:
         """A column as an error names it."""
-        name = f" ({self.names[index]})" if self.names and self.names[index] else ""
-        return f"{self.path}: column {index + 1}{name}"
+        return f"{self.path}: {self.title(index)}"
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What was read: the times' cells (empty without any), `values` (N, columns), the line numbers (N,), and `lost`,
+    one line for each kind of loss.
+    """
+
+    times: list[str]
+    values: FloatArray
+    lines: list[int]
+    lost: tuple[str, ...] = ()
 
 
 def bare_name(name: str) -> str:
@@ -73,29 +109,49 @@ def bare_name(name: str) -> str:
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """`Gyroscope X (deg/s)` to the name and the unit, which is "" when there is none."""
+    """`Gyroscope X (deg/s)`, `v in km/h` or `t/s` to the name and the unit, which is "" when there is none."""
     match = _UNIT_IN_NAME.match(name)
-    return (match[1], match[2]) if match else (name, "")
+    if match is None:
+        match = None if is_known(name) else _UNIT_BEHIND.match(name.strip())
+        if match is None or not is_known(match[2]):
+            return name, ""
+    return match[1], match[2]
 
 
 def open_table(path: Path, *, delimiter: str | None = None, skip_lines: int = 0, header: bool | None = None) -> Table:
-    """Look at the head of a text file: delimiter, names, units, first row of numbers.
+    """Look at the head of a table: delimiter, names, units, first rows of numbers.
 
     Raises SourceError when there is no row of numbers in it.
     """
-    if path.suffix.lower() in (".parquet", ".pq"):
-        return _open_parquet(path)
+    suffix = path.suffix.lower()
+    if suffix in _OLD_SHEETS:
+        raise SourceError(f"{path}: {suffix} is not read: save it as .xlsx or as CSV")
+    if suffix in COLUMNAR:
+        names, *head = open_sheet(path, 10)
+        return Table(path, tuple(names), ("",) * len(names), (), suffix, 2, False, tuple(map(tuple, head)))
+    if suffix == EXCEL:
+        return _table_of(path, open_sheet(path, skip_lines + _HEAD_LINES), suffix, skip_lines, header)
     with _text(path) as file:
         lines = [line.rstrip("\r\n") for _, line in zip(range(skip_lines + _HEAD_LINES), file, strict=False)]
     if delimiter is None:
         stated = next((re.match(r'^"?sep=(.)"?\s*$', line) for line in lines[:2] if "sep=" in line), None)
-        delimiter = stated[1] if stated else _delimiter(lines)
-    rows = [[cell.strip() for cell in _split(line, delimiter)] for line in lines]
-    comma = delimiter != "," and any(_COMMA_DECIMAL.match(cell) for row in rows for cell in row)
+        delimiter = stated[1] if stated else _delimiter(lines[skip_lines:])
+    return _table_of(path, [_split(line, delimiter) for line in lines], delimiter, skip_lines, header)
+
+
+def _table_of(
+    path: Path, lines: Sequence[Sequence[str]], delimiter: str, skip_lines: int, header: bool | None
+) -> Table:
+    rows = [_trimmed(cells) for cells in lines]
+    comma = any(_COMMA_DECIMAL.match(cell) for row in rows for cell in row)
+    if comma and delimiter == ",":  # in quotes; 1,024 may be a thousand where others have a point
+        comma = not any("." in cell and _number(cell, False) is not None for row in rows for cell in row)
     first = next((k for k, row in enumerate(rows) if k >= skip_lines and _is_data(row, comma)), None)
     if first is None:
         raise SourceError(f"{path}: no row of numbers in its first {len(lines)} lines")
-    width = len(rows[first])
+    while first > skip_lines and _is_sparse(rows[first - 1], comma):
+        first -= 1
+    width = max(len(rows[first]), *map(len, rows[first : first + 10]))
     names: list[str] = []
     units = [""] * width
     above = first - 1
@@ -107,17 +163,25 @@ def open_table(path: Path, *, delimiter: str | None = None, skip_lines: int = 0,
         if above >= 0 and len(rows[above]) >= min(width, 2) and not all(c == "" for c in rows[above]):
             names = (rows[above] + [""] * width)[: max(width, len(rows[above]))]
     units += [""] * (len(names) - width)
-    return Table(
-        path, tuple(names), tuple(units), tuple(lines[: max(above, 0)]), delimiter, first + 1, comma,
-        tuple(rows[first]),
-    )  # fmt: skip
+    head = tuple(tuple((row + [""] * width)[:width]) for row in rows[first : first + 10] if any(row))
+    preamble = tuple(delimiter.join(row) for row in rows[: max(above, 0)])
+    return Table(path, tuple(names), tuple(units), preamble, delimiter, first + 1, comma, head)
+
+
+def _trimmed(cells: Sequence[str]) -> list[str]:
+    """Cells without blanks around them, and without the empty one behind a delimiter at the end of the line."""
+    row = [cell.strip() for cell in cells]
+    while len(row) > 1 and row[-1] == "":
+        row.pop()
+    return row
 
 
 def _split(line: str, delimiter: str) -> list[str]:
-    cells = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter), [])
-    while len(cells) > 1 and cells[-1].strip() == "":  # a delimiter at the end of the line
-        cells.pop()
-    return cells
+    if delimiter == " ":
+        return line.split()
+    if '"' not in line:
+        return line.split(delimiter)
+    return next(csv.reader([line], delimiter=delimiter), [])
 
 
 def _delimiter(lines: Sequence[str]) -> str:
@@ -125,9 +189,7 @@ def _delimiter(lines: Sequence[str]) -> str:
     best = (0, ",")
     for candidate in ("\t", ";", ",", " "):
         numbers = sum(
-            _number(cell, candidate != ",") is not None or is_date(cell)
-            for line in lines[-10:]
-            for cell in _split(line, candidate)
+            _number(cell, True) is not None or is_time(cell) for line in lines[-10:] for cell in _split(line, candidate)
         )
         if numbers > best[0]:
             best = (numbers, candidate)
@@ -135,10 +197,19 @@ def _delimiter(lines: Sequence[str]) -> str:
 
 
 def _is_data(row: Sequence[str], comma: bool) -> bool:
+    """Whether most of a row's cells are numbers, after a time."""
     cells = [cell for cell in row if cell]
     numeric = sum(_number(cell, comma) is not None for cell in cells)
-    dated = bool(cells) and is_date(cells[0])
-    return len(cells) >= 2 and numeric + dated >= max(2, (len(cells) + 1) // 2)
+    dated = sum(map(is_time, cells[:2]))
+    absent = sum(map(is_missing, cells)) if numeric + dated else 0
+    return len(cells) >= 2 and numeric + dated + absent >= max(2, (len(cells) + 1) // 2)
+
+
+def _is_sparse(row: Sequence[str], comma: bool) -> bool:
+    """Whether a row begins with a number or a time, and no cell is a word: data with gaps."""
+    if not row or (_number(row[0], comma) is None and not is_time(row[0])):
+        return False
+    return all(is_missing(cell) or _number(cell, comma) is not None or is_time(cell) for cell in row)
 
 
 def _number(text: str, comma: bool) -> float | None:
@@ -148,143 +219,118 @@ def _number(text: str, comma: bool) -> float | None:
         return None
 
 
-def read_columns(table: Table, wanted: Sequence[int], time: int | None) -> tuple[list[str], FloatArray]:
-    """The time column's texts (empty without one) and the wanted columns, (N, len(wanted)); an empty cell is
-    NaN.
+class _FaultError(Exception):
+    """A line that cannot be read: what is wrong with it."""
 
-    Raises SourceError with file, line and column for a cell that is not a number and a row that is too short.
+
+def read_columns(table: Table, wanted: Sequence[int], times: Sequence[int] = ()) -> Columns:
+    """The cells of the time columns (joined by a blank) and the wanted columns; what is no number to its maker is NaN.
+
+    Raises SourceError with file, line and column for a cell that is not a number and a row that is too short, unless
+    it is the last one.
     """
-    if table.delimiter == "parquet":
-        return _read_parquet(table, wanted, time)
-    times: list[str] = []
+    if table.delimiter in COLUMNAR:
+        texts, matrix = read_sheet(table.path, wanted, times)
+        return Columns(texts, matrix, list(range(1, len(matrix) + 1)))
+    found: list[str] = []
     values: list[list[float]] = []
+    numbers: list[int] = []
     comma = table.decimal_comma
-    last = max([*wanted, -1 if time is None else time])
+    last = max([*wanted, *times, 0])
+    untimed: list[int] = []
+    fault: str | None = None
+    cut: Line | None = None
+    with _lines(table) as lines:
+        for line in lines:
+            number, row, ended = line
+            if not any(cell and not cell.isspace() for cell in row):
+                continue
+            if fault is not None:
+                raise SourceError(fault)
+            if len(row) <= last or (not ended and len(row) < len(table.first_row)):
+                fault, cut = f"{table.path}, line {number}: {len(row)} columns, not {len(table.first_row)}", line
+                continue
+            try:
+                try:
+                    own = [float(row[k].replace(",", ".")) if comma else float(row[k]) for k in wanted]
+                except ValueError:
+                    own = [_cell(table, row, k) for k in wanted]
+                text = " ".join([row[k].strip() for k in times])
+            except _FaultError as error:
+                fault, cut = f"{table.path}, line {number}, {error}", line
+                continue
+            if times and is_missing(text):
+                untimed.append(number)
+                continue
+            values.append(own)
+            numbers.append(number)
+            if times:
+                found.append(text.replace(",", ".") if comma else text)
+    lost = []
+    if untimed:
+        lost.append(f"{table.path}: {len(untimed)} lines without a time are left out, the first is line {untimed[0]}")
+    if cut is not None:
+        if not values or (cut.ended and len(cut.cells) > last):
+            raise SourceError(fault)
+        lost.append(f"{table.path}: the last line, {cut.number}, is cut off: the {len(values)} before it are kept")
+    array = np.array(values, np.float64).reshape(len(values), len(wanted))
+    array[np.isinf(array)] = np.nan
+    return Columns(found, array, numbers, tuple(lost))
+
+
+def _cell(table: Table, row: Sequence[str], k: int) -> float:
+    if is_missing(row[k]):
+        return math.nan
+    value = _number(row[k], table.decimal_comma)
+    if value is None:
+        raise _FaultError(f"{table.title(k)}: {row[k]!r} is not a number")
+    return value
+
+
+@contextmanager
+def _lines(table: Table) -> Iterator[Iterator[Line]]:
+    """The lines from the first with numbers on."""
+    if table.delimiter == EXCEL:
+        rows = open_sheet(table.path, None)[table.first_line - 1 :]
+        yield (Line(number, cells) for number, cells in enumerate(rows, table.first_line))
+        return
     with _text(table.path) as file:
         for _ in range(table.first_line - 1):
             next(file)
-        reader: Any = (
-            (line.split() for line in file) if table.delimiter == " " else csv.reader(file, delimiter=table.delimiter)
+        yield (
+            Line(number, _split(line.rstrip("\r\n"), table.delimiter), line[-1:] in "\r\n")
+            for number, line in enumerate(file, table.first_line)
         )
-        for number, row in enumerate(reader, table.first_line):
-            if not any(cell.strip() for cell in row):
-                continue
-            if len(row) <= last:
-                raise SourceError(
-                    f"{table.path}, line {number}: {len(row)} columns, of which column {last + 1} is wanted"
-                )
-            try:
-                cells = [row[k].replace(",", ".") for k in wanted] if comma else [row[k] for k in wanted]
-                values.append([float(cell) if cell.strip() else math.nan for cell in cells])
-            except ValueError:
-                bad = next(k for k in wanted if row[k].strip() and _number(row[k], comma) is None)
-                name = f" ({table.names[bad]})" if table.names else ""
-                raise SourceError(
-                    f"{table.path}, line {number}, column {bad + 1}{name}: {row[bad]!r} is not a number"
-                ) from None
-            if time is not None:
-                times.append(row[time].replace(",", ".") if comma else row[time])
-    return times, np.array(values, np.float64).reshape(len(values), len(wanted))
 
 
-def stamps(table: Table, texts: Sequence[str], time: int, unit: str) -> StampArray:
-    """Int nanoseconds, exactly, of the time column: numbers in `unit`, or dates (`unit` "date"; no zone is
-    UTC).
-    """
-    if unit == "date":
-        parse = date_ns
-    else:
-        if plain(unit) not in TIME_UNITS:
-            raise UsageError(f"{table.where(time)}: {_time_unit_problem(unit)}")
-        scale = Decimal(TIME_UNITS[plain(unit)])
-
-        def parse(text: str) -> int:
-            return int((Decimal(text) * scale).to_integral_value())
-
-    out = np.empty(len(texts), np.int64)
-    for k, text in enumerate(texts):
-        try:
-            out[k] = parse(text)
-        except (ValueError, InvalidOperation, OverflowError):
-            line = "" if table.delimiter == "parquet" else f", line {_line_of(table, k)}"
-            raise SourceError(f"{table.path}{line}, column {time + 1}: {text!r} is not a time ({unit})") from None
-    return out
+def _western(error: UnicodeError) -> tuple[str, int]:
+    """Bytes that are not UTF-8 as Windows' Western letters."""
+    assert isinstance(error, UnicodeDecodeError)
+    return error.object[error.start : error.end].decode("cp1252", "replace"), error.end
 
 
-def is_date(text: str) -> bool:
-    """Whether a cell is a date and time."""
-    return bool(_DATE.match(text))
+codecs.register_error("spheremcap-western", _western)
 
 
-def date_ns(text: str) -> int:
-    """ISO 8601 with up to nine decimals; also with slashes, as Shimmer writes dates."""
-    text = text.strip().replace("/", "-").replace("_", " ", 1)
-    match = re.match(r"^(.*:\d\d)\.(\d{7,9})(.*)$", text)
-    if match is None:
-        return parse_time_ns(text)
-    return parse_time_ns(match[1] + match[3]) + int(match[2].ljust(9, "0"))
-
-
-def _time_unit_problem(unit: str) -> str:
-    there = ", ".join(TIME_UNITS)
-    return f"time unit {unit!r} is none of {there}" if unit else f"the time has no unit; give one of {there}"
-
-
-def _line_of(table: Table, row: int) -> int:
-    """The line of the row'th row that is not blank."""
-    seen = -1
-    with _text(table.path) as file:
-        for number, line in enumerate(file, 1):
-            if number >= table.first_line and line.strip(table.delimiter + " \t\r\n"):
-                seen += 1
-                if seen == row:
-                    return number
-    return table.first_line + row
+def _encoding(start: bytes) -> str:
+    """By the file's first bytes: UTF-16 has a mark, or a zero in every second byte of its plain letters."""
+    if start[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return "utf-16"
+    zeros = [start[k::2].count(0) for k in (0, 1)]
+    if max(zeros) > len(start) // 4 and min(zeros) == 0:
+        return "utf-16-be" if zeros[0] else "utf-16-le"
+    return "utf-8-sig"
 
 
 @contextmanager
 def _text(path: Path) -> Iterator[Iterator[str]]:
     try:
-        with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        with path.open("rb") as raw:
+            encoding = _encoding(raw.read(512))
+        errors = "spheremcap-western" if encoding == "utf-8-sig" else "replace"
+        with path.open(encoding=encoding, errors=errors, newline="") as file:
             yield file
     except OSError as error:
         raise SourceError(f"{path}: cannot be read: {error.strerror}") from error
-
-
-def _open_parquet(path: Path) -> Table:
-    data = _parquet(path)
-    if not data.num_rows:
-        raise SourceError(f"{path}: has no rows")
-    names = tuple(data.column_names)
-    first = tuple(_parquet_texts(data.column(k).slice(0, 1))[0] for k in range(len(names)))
-    return Table(path, names, ("",) * len(names), (), "parquet", 1, False, first)
-
-
-def _read_parquet(table: Table, wanted: Sequence[int], time: int | None) -> tuple[list[str], FloatArray]:
-    data = _parquet(table.path)
-    columns = []
-    for k in wanted:
-        try:
-            columns.append(np.asarray(data.column(k).to_numpy(zero_copy_only=False), np.float64))
-        except (ValueError, TypeError) as error:
-            raise SourceError(f"{table.where(k)}: is not a column of numbers") from error
-    values = np.stack(columns, axis=1) if columns else np.empty((data.num_rows, 0))
-    return [] if time is None else _parquet_texts(data.column(time)), values
-
-
-def _parquet_texts(column: Any) -> list[str]:
-    """The cells as texts; time stamps as dates with nine decimals, whatever their resolution."""
-    if str(column.type).startswith("timestamp"):
-        return [format_time(ns) for ns in column.cast("timestamp[ns]").cast("int64").to_pylist()]
-    return [value.isoformat() if hasattr(value, "isoformat") else repr(value) for value in column.to_pylist()]
-
-
-def _parquet(path: Path) -> Any:
-    try:
-        import pyarrow.parquet
-    except ImportError as error:
-        raise UsageError(f"{path}: Parquet needs pyarrow: pip install 'spheremcap[parquet]'") from error
-    try:
-        return pyarrow.parquet.read_table(path)
-    except (OSError, ValueError) as error:
-        raise SourceError(f"{path}: is not a readable Parquet file ({' '.join(str(error).split())})") from error
+    except csv.Error as error:
+        raise SourceError(f"{path}: is not a table ({error})") from error
