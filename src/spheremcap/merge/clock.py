@@ -13,7 +13,15 @@ from spheremcap.errors import UsageError
 
 StampArray = npt.NDArray[np.int64]
 
-_TIME_UNITS = {"ns": 1, "us": 1_000, "µs": 1_000, "ms": 1_000_000, "s": 1_000_000_000, "min": 60_000_000_000}
+_TIME_UNITS = {
+    "ns": 1,
+    "us": 1_000,
+    "µs": 1_000,
+    "ms": 1_000_000,
+    "s": 1_000_000_000,
+    "min": 60_000_000_000,
+    "h": 3_600_000_000_000,
+}
 _DRIFT_UNITS = {"ppb": Fraction(1, 10**9), "ppm": Fraction(1, 10**6), "%": Fraction(1, 100)}
 _QUANTITY = re.compile(r"^\s*([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zA-Zµ%]+)\s*$")
 
@@ -60,6 +68,16 @@ def format_exact(value: Fraction) -> str:
     """A decimal number where there is an exact one of at most 28 digits, else the fraction."""
     decimal = Decimal(value.numerator) / Decimal(value.denominator)
     return f"{decimal:f}" if Fraction(decimal) == value else str(value)
+
+
+def format_offset(offset_ns: int) -> str:
+    """A text that `parse_offset` reads back exactly: `+12.5ms`, `-2h`."""
+    size = abs(offset_ns)
+    if size and size % _TIME_UNITS["h"] == 0:
+        unit = "h"
+    else:
+        unit = next((u for u in ("s", "ms", "us") if size >= _TIME_UNITS[u]), "ns")
+    return f"{'-' if offset_ns < 0 else '+'}{format_exact(Fraction(size, _TIME_UNITS[unit]))}{unit}"
 
 
 def parse_offset(text: str) -> int:

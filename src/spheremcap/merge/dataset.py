@@ -1,6 +1,7 @@
 """One dataset out of recordings and sensor files: what `spheremcap merge` and `spheremcap sync` do."""
 
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -15,9 +16,11 @@ from spheremcap.io.sources import is_recording
 from spheremcap.merge.clock import Clock
 from spheremcap.merge.log import SensorLog
 from spheremcap.merge.mapping import TableMapping
+from spheremcap.merge.placement import Placement, apart, base_ns, given_words
 from spheremcap.merge.samples import SensorStream
 from spheremcap.merge.sensors import read_sensors
-from spheremcap.merge.sync import Sync, SyncConfig, residual_log, sync_marker
+from spheremcap.merge.sync import Sync, SyncConfig, SyncError, residual_log, sync_marker
+from spheremcap.merge.times import Timing
 
 
 @dataclass(frozen=True)
@@ -46,13 +49,41 @@ class Source:
 
 @dataclass(frozen=True)
 class Dataset:
-    """What a merge made: messages by topic, lines for the user, what was lost, and the clocks that were
-    found.
+    """What a merge made: messages by topic, lines for the user, where each input was placed and why, what was lost of
+    sensor files, and the clocks that were found.
     """
 
     merged: Merged
     notes: tuple[str, ...]
+    placements: tuple[Placement, ...] = ()
+    sensors_lost: tuple[str, ...] = ()
     syncs: Mapping[str, Sync] = field(default_factory=dict)
+
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """What of the inputs is not in the output, one line each."""
+        return self.sensors_lost + self.merged.lost
+
+
+@dataclass(frozen=True)
+class _Recording:
+    """An MCAP input with its clock, and its first message's own stamp (None: it has no messages)."""
+
+    source: Source
+    records: McapRecords
+    first_ns: int | None
+    clock: Clock
+
+    def placement(self) -> Placement | None:
+        if self.first_ns is None:
+            return None
+        source = self.source
+        last_ns = max(self.first_ns, self.records.end_ns)
+        return Placement(
+            source.label, source.label, source.path.name, "messages", sum(self.records.counts.values()),
+            self.first_ns, last_ns, None, Timing("log times"), self.clock,
+            given_words(source.offset_ns, source.drift), source.offset_ns,
+        )  # fmt: skip
 
 
 def merge(
@@ -60,93 +91,166 @@ def merge(
     output: str | os.PathLike[str],
     *,
     overwrite: bool = False,
+    force: bool = False,
     config: SyncConfig | None = None,
+    say: Callable[[str], None] = lambda line: None,
     progress: Callable[[int, int | None], None] = lambda done, total: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Dataset:
     """Merge recordings and sensor files by log time into `output`; inputs stay as they are.
 
-    A sensor whose stamps count from zero starts with the first message of the MCAP inputs, and its offset is
-    added to that. `progress` gets messages done and expected. `stop` is asked before each input and while they are
-    written: once it says yes the merge ends, and what there is stays readable in OUT.part; from then on it has to
-    say yes. Raises a SpheremcapError for inputs that cannot be read and clocks that cannot be found.
+    Every input's clock comes first, and what is read of an input is read through it. A sensor whose stamps count
+    from the start of its device keeps them after the start of the MCAP inputs, and its offset is added to that. `say`
+    gets a line on each placement and each note, before anything is written; `progress` gets messages done and expected.
+    `stop` is asked before each input and while they are written: once it says yes the merge ends, and what there is
+    stays readable in OUT.part; from then on it has to say yes.
+
+    Raises a SpheremcapError for inputs that cannot be read and clocks that cannot be found, and a UsageError for inputs
+    that do not overlap the others or whose clock began anew, unless `force` takes them as they are.
     """
-    notes: list[str] = []
-    syncs: dict[str, Sync] = {}
     with ExitStack() as stack:
-        streams: list[Stream] = []
-        opened: list[McapRecords] = []
+        recordings: list[_Recording] = []
+        logs: list[tuple[Source, list[SensorLog]]] = []
         for source in sources:
             if stop():
                 break
             if is_recording(source.path):
                 records = stack.enter_context(McapRecords(source.path))
-                opened.append(records)
-                start_ns = first_log_time(records) or 0
-                moved = source.offset_ns or source.drift
-                clock = Clock(source.offset_ns, source.drift, start_ns) if moved else None
-                streams.append(McapStream(records, clock=clock, prefix=source.prefix))
-        starts = [ns for ns in map(first_log_time, opened) if ns is not None]
-        for source in sources:
-            if stop():
-                break
-            if is_recording(source.path):
-                continue
-            for log in read_sensors(source.path, name=source.label, mapping=source.mapping, rate_hz=source.rate_hz):
-                notes.extend(log.notes)
-                clock, sync = _sensor_clock(source, log, min(starts, default=None), opened, config)
-                streams.append(SensorStream(log, clock))
-                if log.relative and starts:
-                    notes.append(f"{log.name}: its times count from zero, which is the recording's start")
-                if sync is not None:
-                    syncs[log.name] = sync
-                    notes.append(f"{log.name}: {sync.line()}")
-                    streams.append(SensorStream(residual_log(sync, log.name), topic=f"/sync/{log.name}/residual"))
+                first_ns = first_log_time(records)
+                clock = Clock(source.offset_ns, source.drift, first_ns or 0)
+                recordings.append(_Recording(source, records, first_ns, clock))
+            else:
+                found = read_sensors(source.path, name=source.label, mapping=source.mapping, rate_hz=source.rate_hz)
+                logs.append((source, found))
+        _all_different([log.name for _, found in logs for log in found])
+        placed, syncs = _placed(recordings, logs, config)
+        placements = [p for r in recordings if (p := r.placement()) is not None] + [p for _, p in placed]
+        notes = [p.line() for p in placements]
+        for log, _ in placed:
+            notes.extend(log.notes)
+            if log.name in syncs:
+                notes.append(f"{log.name}: {syncs[log.name].line()}")
+        for line in notes:
+            say(line)
+        doubts = [doubt for log, _ in placed for doubt in log.doubts] + apart(placements)
+        if doubts and not force and not stop():
+            raise UsageError("; ".join(doubts) + "; --force merges as it stands")
+        notes.extend(doubts)
+        for doubt in doubts:
+            say(doubt)
+        streams = [_stream(r) for r in recordings]
+        for log, place in placed:
+            streams.append(SensorStream(log, place.clock, facts=place.facts()))
+            if log.name in syncs:
+                topic = f"/sync/{log.name}/residual"
+                streams.append(SensorStream(residual_log(syncs[log.name], log.name), topic=topic))
         merged = merge_streams(streams, output, overwrite=overwrite, progress=progress, stop=stop)
-        for records in opened:
-            if records.unordered:
-                notes.append(f"{records.path}: {records.unordered} messages were out of order; sorted by log time")
-    return Dataset(merged, tuple(notes), syncs)
+        for own in recordings:
+            if own.records.unordered:
+                line = f"{own.records.path}: {own.records.unordered} messages were out of order; sorted by log time"
+                notes.append(line)
+                say(line)
+    lost = tuple(line for log, _ in placed for line in log.lost)
+    return Dataset(merged, tuple(notes), tuple(placements), lost, syncs)
 
 
-def _sensor_clock(
-    source: Source,
-    log: SensorLog,
-    start_ns: int | None,
-    opened: Sequence[McapRecords],
+def _stream(own: _Recording) -> Stream:
+    moved = own.source.offset_ns or own.source.drift
+    place = own.placement()
+    return McapStream(
+        own.records, clock=own.clock if moved else None, prefix=own.source.prefix,
+        facts=None if place is None else (own.source.label, place.facts()),
+    )  # fmt: skip
+
+
+def _all_different(names: Sequence[str]) -> None:
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise UsageError(f"{count} sensors would be /sensors/{name}: give one another name, as in other=PATH")
+
+
+def _placed(
+    recordings: Sequence[_Recording],
+    logs: Sequence[tuple[Source, list[SensorLog]]],
     config: SyncConfig | None,
-) -> tuple[Clock, Sync | None]:
-    """The clock as given, or found from the marker; a relative one starts with the recordings."""
-    first = int(log.stamp_ns[0]) if len(log) else 0
-    base = start_ns - first if log.relative and start_ns is not None else 0
-    given = Clock(base + source.offset_ns, source.drift, first)
-    if source.sync_marker is None:
-        return given, None
-    for records in opened:
-        track = recording.open(records.path).tracks.get(source.sync_marker)
-        if track is not None:
-            xyz = track.xyz_cam_m.copy()
-            xyz[~track.measured] = float("nan")
-            sync = sync_marker(
-                track.stamp_ns, xyz, log.stamp_ns, log.values, saturated=log.saturated,
-                guess_ns=given.offset_ns, config=config,
-            )  # fmt: skip
-            return sync.clock, sync
+) -> tuple[list[tuple[SensorLog, Placement]], dict[str, Sync]]:
+    """Every sensor with its place. All logs of one input that count from the same zero have one clock."""
+    starts = [(own.clock(own.first_ns), own.source.label) for own in recordings if own.first_ns is not None]
+    if not starts:  # without recordings the sensors with a true clock say when it was
+        for source, found in logs:
+            firsts = [int(log.stamp_ns[0]) for log in found if log.timing.zero == "1970"]
+            starts.extend((first + source.offset_ns, source.label) for first in firsts)
+    start_ns, start_of = min(starts, default=(None, ""))
+    ends = [own.clock(max(own.first_ns, own.records.end_ns)) for own in recordings if own.first_ns is not None]
+    placed: list[tuple[SensorLog, Placement]] = []
+    syncs: dict[str, Sync] = {}
+    for source, found in logs:
+        for zero in dict.fromkeys(log.timing.zero for log in found):
+            own = [log for log in found if log.timing.zero == zero]
+            first = min(int(log.stamp_ns[0]) for log in own)
+            last = max(int(log.stamp_ns[-1]) for log in own)
+            base, words = base_ns(zero, first, start_ns, start_of)
+            words += given_words(source.offset_ns, source.drift)
+            clock = Clock(base + source.offset_ns, source.drift, first)
+            if source.sync_marker is not None:
+                if start_ns is not None and zero == "start" and (clock(first) > max(ends) or clock(last) < start_ns):
+                    clock = Clock(start_ns - first, Fraction(0), first)
+                    words = (f"its first sample at the start of {start_of} as a guess",)
+                name, sync = _synchronised(source, own, clock, recordings, config)
+                clock, syncs[name] = sync.clock, sync
+                found_ns = round(sync.offset_s * 1e9)
+                words += (f"{found_ns / 1e6:+.3f} ms and {sync.drift_ppm:+.2f} ppm (sync with {source.sync_marker})",)
+            for log in own:
+                first_ns, last_ns = int(log.stamp_ns[0]), int(log.stamp_ns[-1])
+                place = Placement(
+                    log.name, source.label, log.source, "samples", len(log), first_ns, last_ns, log.rate_hz,
+                    log.timing, clock, words, source.offset_ns,
+                )  # fmt: skip
+                placed.append((log, place))
+    return placed, syncs
+
+
+def _synchronised(
+    source: Source, logs: Sequence[SensorLog], guess: Clock, recordings: Sequence[_Recording], config: SyncConfig | None
+) -> tuple[str, Sync]:
+    """The clock found from the marker's motion, read through its recording's clock; of several sensors of one input
+    by the one that says most clearly.
+    """
+    for own in recordings:
+        track = recording.open(own.records.path).tracks.get(source.sync_marker or "")
+        if track is None:
+            continue
+        xyz = track.xyz_cam_m.copy()
+        xyz[~track.measured] = float("nan")
+        stamp_ns = own.clock.all(track.stamp_ns.tolist())
+        found: list[tuple[str, Sync]] = []
+        errors: list[SyncError] = []
+        for log in logs:
+            try:
+                sync = sync_marker(
+                    stamp_ns, xyz, log.stamp_ns, log.values, saturated=log.saturated,
+                    guess_ns=guess.offset_ns, config=config,
+                )  # fmt: skip
+                found.append((log.name, sync))
+            except SyncError as error:
+                errors.append(SyncError(f"{log.name}: {error}"))
+        if not found:
+            raise errors[0]
+        return max(found, key=lambda pair: pair[1].distinction)
     raise UsageError(f"{source.label}: no recording has a marker {source.sync_marker!r} to synchronise with")
 
 
-def sync_recording(path: str | os.PathLike[str], marker: str, sensor: str, *, config: SyncConfig | None = None) -> Sync:
+def sync_recording(found: recording.Recording, marker: str, sensor: str, *, config: SyncConfig | None = None) -> Sync:
     """Offset and drift of a sensor that is already in a recording, against a marker's track there.
 
     `sync.clock` maps the sensor's own stamps (publish times) to the video's; `sync.offset_s` is what to add
     to where it stands in the recording now. Raises UsageError naming what there is, SyncError when there is
     no clear answer.
     """
-    found = recording.open(path)
     if marker not in found.tracks:
-        raise UsageError(f"{path}: no marker {marker!r}; there are: {', '.join(found.tracks) or 'none'}")
+        raise UsageError(f"{found.path}: no marker {marker!r}; there are: {', '.join(found.tracks) or 'none'}")
     if sensor not in found.sensors:
-        raise UsageError(f"{path}: no sensor {sensor!r}; there are: {', '.join(found.sensors) or 'none'}")
+        raise UsageError(f"{found.path}: no sensor {sensor!r}; there are: {', '.join(found.sensors) or 'none'}")
     track, samples = found.tracks[marker], found.sensors[sensor]
     xyz = track.xyz_cam_m.copy()
     xyz[~track.measured] = float("nan")
