@@ -59,6 +59,11 @@ def test_importing_costs_nothing_and_every_name_is_there() -> None:
         spheremcap.nonsense  # noqa: B018
 
 
+def test_the_jobs_are_in_one_place() -> None:
+    for name in ("track", "open"):
+        assert getattr(api, name) is getattr(spheremcap, name)
+
+
 def test_merge_is_a_function_although_it_is_a_package_too(tmp_path: Path) -> None:
     log = write_recording(tmp_path / "log.mcap", ["/front/image"])
     code = (

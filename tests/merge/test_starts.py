@@ -16,12 +16,12 @@ from spheremcap.merge.sync import Signal, SyncConfig, synchronise
 START_NS = 1_700_000_000 * 10**9
 
 
-def recording(path: Path, start_ns: int) -> Path:
+def recording(path: Path, start_ns: int, count: int = 3) -> Path:
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="", library="another tool")
         channel = writer.register_channel("/in", "json", writer.register_schema("thing", "jsonschema", b"{}"))
-        for k in range(3):
+        for k in range(count):
             writer.add_message(channel, start_ns + k * 10**9, b"{}", start_ns)
         writer.finish()  # type: ignore[no-untyped-call]
     return path

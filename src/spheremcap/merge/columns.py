@@ -12,7 +12,7 @@ from spheremcap.errors import SourceError, UsageError
 from spheremcap.merge.header import VECTORS, field_name, meaning
 from spheremcap.merge.log import Kind, SensorLog, sensor_log
 from spheremcap.merge.mapping import ColumnMapping, TableMapping, TimeMapping
-from spheremcap.merge.tables import Columns, Table, bare_name, read_columns, split_unit
+from spheremcap.merge.tables import Columns, Table, bare_name, number, read_columns, split_unit
 from spheremcap.merge.times import (
     NotATimeError,
     StampArray,
@@ -74,7 +74,9 @@ def read_table(
         if given.range is not None:
             at_end = np.abs(column) >= 0.999 * given.range
             saturated = at_end if saturated is None else saturated | at_end
-        values[axis] = column * scale
+        with np.errstate(over="ignore"):
+            scaled = column * scale
+        values[axis] = np.where(np.isinf(scaled), np.nan, scaled)
     return sensor_log(
         name, kind, stamp_ns, values, timing, table.path,
         frame_id=mapping.frame_id, saturated=saturated, notes=notes, lost=read.lost,
@@ -169,13 +171,9 @@ def _free(wanted: str, taken: Mapping[str, Any]) -> str:
 def _is_number(table: Table, index: int) -> bool:
     """Whether a column's first value is a number."""
     for row in table.head:
-        if not is_missing(row[index] if index < len(row) else ""):
-            try:
-                float(row[index].replace(",", "."))
-            except ValueError:
-                return False
-            return True
-    return len(table.first_row) > index
+        if not is_missing(row[index]):
+            return number(row[index], table.decimal_comma) is not None
+    return True
 
 
 def _scale(axis: str, unit: str, given: ColumnMapping, kind: Kind, where: str) -> float:

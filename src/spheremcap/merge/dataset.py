@@ -180,7 +180,7 @@ def _placed(
         for source, found in logs:
             firsts = [int(log.stamp_ns[0]) for log in found if log.timing.zero == "1970"]
             starts.extend((first + source.offset_ns, source.label) for first in firsts)
-    start_ns, start_of = min(starts, default=(None, ""))
+    start_ns, start_of = min(starts, key=lambda start: start[0], default=(None, ""))
     ends = [own.clock(max(own.first_ns, own.records.end_ns)) for own in recordings if own.first_ns is not None]
     placed: list[tuple[SensorLog, Placement]] = []
     syncs: dict[str, Sync] = {}

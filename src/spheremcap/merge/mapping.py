@@ -11,7 +11,7 @@ from spheremcap.errors import SettingsError, UsageError
 from spheremcap.io.toml_file import first_problem, read_toml
 from spheremcap.merge.header import VECTORS, meaning
 from spheremcap.merge.log import Kind
-from spheremcap.merge.tables import Table
+from spheremcap.merge.tables import Table, number
 from spheremcap.merge.times import is_missing, is_time
 from spheremcap.merge.units import TIME_UNITS, UNITS, plain
 
@@ -96,7 +96,7 @@ def mapping_to_start_from(table: Table) -> str:
         columns = {
             (label if isinstance(label := labels[k], str) else f"column_{label}"): {"columns": [label]}
             for k, cell in enumerate(table.first_row)
-            if k != time and not is_time(cell) and (is_missing(cell) or _is_number(cell))
+            if k != time and not is_time(cell) and (is_missing(cell) or number(cell, table.decimal_comma) is not None)
         }
         kind = "record"
     else:
@@ -129,17 +129,7 @@ def _first_rising(table: Table) -> int | None:
     for k, cell in enumerate(table.first_row):
         if is_time(cell):
             return k
-        column = [row[k].replace(",", ".") if table.decimal_comma else row[k] for row in table.head]
-        if len(column) > 1 and all(map(_is_number, column)):
-            numbers = [float(c) for c in column]
-            if all(a < b for a, b in pairwise(numbers)):
-                return k
+        numbers = [number(row[k], table.decimal_comma) for row in table.head]
+        if len(numbers) > 1 and all(a is not None and b is not None and a < b for a, b in pairwise(numbers)):
+            return k
     return None
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True

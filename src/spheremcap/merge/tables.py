@@ -42,7 +42,7 @@ class Line(NamedTuple):
 @dataclass(frozen=True)
 class Table:
     """What the head of a file says: `names` and `units` of the columns ("" where there are none), and how to
-    read on.
+    read on. Data lines have `width` cells.
 
     `preamble` are the lines before the names. `first_line` is the number, from 1, of the first line with
     numbers; `head` are the first of those.
@@ -54,6 +54,7 @@ class Table:
     preamble: tuple[str, ...]
     delimiter: str
     first_line: int
+    width: int
     decimal_comma: bool
     head: tuple[tuple[str, ...], ...]
 
@@ -115,7 +116,7 @@ def split_unit(name: str) -> tuple[str, str]:
         match = None if is_known(name) else _UNIT_BEHIND.match(name.strip())
         if match is None or not is_known(match[2]):
             return name, ""
-    return match[1], match[2]
+    return match[1].rstrip(" /"), match[2]
 
 
 def open_table(path: Path, *, delimiter: str | None = None, skip_lines: int = 0, header: bool | None = None) -> Table:
@@ -128,7 +129,7 @@ def open_table(path: Path, *, delimiter: str | None = None, skip_lines: int = 0,
         raise SourceError(f"{path}: {suffix} is not read: save it as .xlsx or as CSV")
     if suffix in COLUMNAR:
         names, *head = open_sheet(path, 10)
-        return Table(path, tuple(names), ("",) * len(names), (), suffix, 2, False, tuple(map(tuple, head)))
+        return Table(path, tuple(names), ("",) * len(names), (), suffix, 2, len(names), False, tuple(map(tuple, head)))
     if suffix == EXCEL:
         return _table_of(path, open_sheet(path, skip_lines + _HEAD_LINES), suffix, skip_lines, header)
     with _text(path) as file:
@@ -145,7 +146,7 @@ def _table_of(
     rows = [_trimmed(cells) for cells in lines]
     comma = any(_COMMA_DECIMAL.match(cell) for row in rows for cell in row)
     if comma and delimiter == ",":  # in quotes; 1,024 may be a thousand where others have a point
-        comma = not any("." in cell and _number(cell, False) is not None for row in rows for cell in row)
+        comma = not any("." in cell and number(cell, False) is not None for row in rows for cell in row)
     first = next((k for k, row in enumerate(rows) if k >= skip_lines and _is_data(row, comma)), None)
     if first is None:
         raise SourceError(f"{path}: no row of numbers in its first {len(lines)} lines")
@@ -163,9 +164,9 @@ def _table_of(
         if above >= 0 and len(rows[above]) >= min(width, 2) and not all(c == "" for c in rows[above]):
             names = (rows[above] + [""] * width)[: max(width, len(rows[above]))]
     units += [""] * (len(names) - width)
-    head = tuple(tuple((row + [""] * width)[:width]) for row in rows[first : first + 10] if any(row))
+    head = tuple(tuple((row + [""] * len(units))[: len(units)]) for row in rows[first : first + 10] if any(row))
     preamble = tuple(delimiter.join(row) for row in rows[: max(above, 0)])
-    return Table(path, tuple(names), tuple(units), preamble, delimiter, first + 1, comma, head)
+    return Table(path, tuple(names), tuple(units), preamble, delimiter, first + 1, width, comma, head)
 
 
 def _trimmed(cells: Sequence[str]) -> list[str]:
@@ -188,9 +189,11 @@ def _delimiter(lines: Sequence[str]) -> str:
     """The one that splits the last lines of the head into the most numbers."""
     best = (0, ",")
     for candidate in ("\t", ";", ",", " "):
-        numbers = sum(
-            _number(cell, True) is not None or is_time(cell) for line in lines[-10:] for cell in _split(line, candidate)
-        )
+        counts = [
+            sum(number(cell, True) is not None or is_time(cell) for cell in _split(line, candidate))
+            for line in lines[-10:]
+        ]
+        numbers = sum(count for count in counts if count > 1)
         if numbers > best[0]:
             best = (numbers, candidate)
     return best[1]
@@ -199,7 +202,7 @@ def _delimiter(lines: Sequence[str]) -> str:
 def _is_data(row: Sequence[str], comma: bool) -> bool:
     """Whether most of a row's cells are numbers, after a time."""
     cells = [cell for cell in row if cell]
-    numeric = sum(_number(cell, comma) is not None for cell in cells)
+    numeric = sum(number(cell, comma) is not None for cell in cells)
     dated = sum(map(is_time, cells[:2]))
     absent = sum(map(is_missing, cells)) if numeric + dated else 0
     return len(cells) >= 2 and numeric + dated + absent >= max(2, (len(cells) + 1) // 2)
@@ -207,12 +210,13 @@ def _is_data(row: Sequence[str], comma: bool) -> bool:
 
 def _is_sparse(row: Sequence[str], comma: bool) -> bool:
     """Whether a row begins with a number or a time, and no cell is a word: data with gaps."""
-    if not row or (_number(row[0], comma) is None and not is_time(row[0])):
+    if not row or (number(row[0], comma) is None and not is_time(row[0])):
         return False
-    return all(is_missing(cell) or _number(cell, comma) is not None or is_time(cell) for cell in row)
+    return all(is_missing(cell) or number(cell, comma) is not None or is_time(cell) for cell in row)
 
 
-def _number(text: str, comma: bool) -> float | None:
+def number(text: str, comma: bool) -> float | None:
+    """A cell's number; None where it is none."""
     try:
         return float(text.replace(",", ".") if comma else text)
     except ValueError:
@@ -242,13 +246,13 @@ def read_columns(table: Table, wanted: Sequence[int], times: Sequence[int] = ())
     cut: Line | None = None
     with _lines(table) as lines:
         for line in lines:
-            number, row, ended = line
+            at, row, ended = line
             if not any(cell and not cell.isspace() for cell in row):
                 continue
             if fault is not None:
                 raise SourceError(fault)
-            if len(row) <= last or (not ended and len(row) < len(table.first_row)):
-                fault, cut = f"{table.path}, line {number}: {len(row)} columns, not {len(table.first_row)}", line
+            if len(row) <= last or (not ended and len(row) < table.width):
+                fault, cut = f"{table.path}, line {at}: {len(row)} columns, not {table.width}", line
                 continue
             try:
                 try:
@@ -257,15 +261,17 @@ def read_columns(table: Table, wanted: Sequence[int], times: Sequence[int] = ())
                     own = [_cell(table, row, k) for k in wanted]
                 text = " ".join([row[k].strip() for k in times])
             except _FaultError as error:
-                fault, cut = f"{table.path}, line {number}, {error}", line
+                fault, cut = f"{table.path}, line {at}, {error}", line
                 continue
             if times and is_missing(text):
-                untimed.append(number)
+                untimed.append(at)
                 continue
             values.append(own)
-            numbers.append(number)
+            numbers.append(at)
             if times:
                 found.append(text.replace(",", ".") if comma else text)
+    if not values and fault is None:
+        raise SourceError(f"{table.path}: no line has a time")
     lost = []
     if untimed:
         lost.append(f"{table.path}: {len(untimed)} lines without a time are left out, the first is line {untimed[0]}")
@@ -281,7 +287,7 @@ def read_columns(table: Table, wanted: Sequence[int], times: Sequence[int] = ())
 def _cell(table: Table, row: Sequence[str], k: int) -> float:
     if is_missing(row[k]):
         return math.nan
-    value = _number(row[k], table.decimal_comma)
+    value = number(row[k], table.decimal_comma)
     if value is None:
         raise _FaultError(f"{table.title(k)}: {row[k]!r} is not a number")
     return value
