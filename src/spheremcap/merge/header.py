@@ -28,7 +28,7 @@ _AXIS = re.compile(r"^(.*?)([xyz])$")
 _AXIS_FIRST = re.compile(r"^([xyz])(?:achse|axis)?(\w{3,})$")
 _TIME_NAME = re.compile(
     r"^(?:relative|elapsed|absolute|abs|unix|utc|gps|sample|device|local|system|host|rec|recording|mess|lauf)?"
-    r"(?:time|timestamp|t|sampletimefine|epoch|unixtime|datetime|dateandtime|date|timeofday|clock|elapsed"
+    r"(?:time|timestamp|t|sampletimefine|epoch|epoc|unixtime|datetime|dateandtime|date|timeofday|clock|elapsed"
     r"|zeit|zeitstempel|zeitpunkt|uhrzeit|datum|datumuhrzeit|datumzeit|datumundzeit|zeitpunkt"
     r"|temps|horodatage|heure|tiempo|hora|fecha|tempo|orario|tijd|tijdstip|tid|tidspunkt|aika|czas"
     r"|время|дата|时间|時間|時刻)(ns|us|ms|s)?$"
@@ -83,12 +83,13 @@ def meaning(name: str, unit: str) -> Meaning | None:
         return Meaning("rate", "", unit or ("rpm" if text == "rpm" else ""))
     if text in _TEMPERATURES:
         return Meaning("temperature", "", unit)
-    if text in ("x", "y", "z") and unit:  # x-IMU3 names its high-g accelerometer's columns so
+    text = text.removesuffix("achse").removesuffix("axis")
+    if text in ("x", "y", "z") and unit:  # x-IMU3's high-g accelerometer, MbientLab
         quantity = next((q for q in VECTORS if plain(unit) in UNITS[q]), None)
         return Meaning(quantity, text, unit) if quantity is not None else None
     if match := _AXIS_FIRST.match(text):
         text = match[2] + match[1]
-    if match := _AXIS.match(text.removesuffix("achse").removesuffix("axis")):
+    if match := _AXIS.match(text):
         for pattern, quantity in _QUANTITIES:
             if re.fullmatch(pattern, match[1]):
                 if "|" in quantity:
