@@ -244,6 +244,7 @@ def test_inputs_hang_together_through_others() -> None:
 
     chain = [place("a", 0, 10), place("b", 10, 20), place("c", 15, 30)]
     assert apart(chain) == []
+    assert apart([place("long", 0, 100), place("short", 10, 20), place("late", 50, 60)]) == []
     (line,) = apart([*chain, place("d", 31, 40)])
     assert line.startswith("d (")
     assert [line.split(" ")[0] for line in apart([place("x", 0, 1), place("y", 2, 3), place("z", 2, 9)])] == ["y", "z"]

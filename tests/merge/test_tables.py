@@ -133,7 +133,7 @@ def test_a_date_and_its_time_in_two_columns(tmp_path: Path) -> None:
     assert list(log.values) == ["leistung"]
 
 
-@pytest.mark.parametrize("end", ["0.03,1", "0.03,1,2", "0.03", "0.03,1,2,3,", "0.0"])
+@pytest.mark.parametrize("end", ["0.03,1", "0.03,1,2", "0.03,1,2,3", "0.03", "0.03,1,2,3,", "0.0"])
 def test_a_last_line_that_is_cut_off_is_left_out_and_said(tmp_path: Path, end: str) -> None:
     path = tmp_path / "cut.csv"
     path.write_text("t (s),ax (g),ay (g),az (g),note\n0.01,0,0,1,a\n0.02,0,0,1,b\n" + end)

@@ -40,7 +40,7 @@ def read_sheet(path: Path, wanted: Sequence[int], times: Sequence[int]) -> tuple
             raise SourceError(f"{path}: column {k + 1} ({data.column_names[k]}) is not one of numbers") from error
     values = np.stack(columns, axis=1) if columns else np.empty((data.num_rows, 0))
     texts = [_parquet_texts(data.column(k)) for k in times]
-    return [" ".join(row) for row in zip(*texts, strict=True)], np.where(np.isinf(values), np.nan, values)
+    return [" ".join(row) for row in zip(*texts, strict=True)], values
 
 
 def _excel(path: Path, rows: int | None) -> list[list[str]]:

@@ -280,7 +280,6 @@ def read_columns(table: Table, wanted: Sequence[int], times: Sequence[int] = ())
             raise SourceError(fault)
         lost.append(f"{table.path}: the last line, {cut.number}, is cut off: the {len(values)} before it are kept")
     array = np.array(values, np.float64).reshape(len(values), len(wanted))
-    array[np.isinf(array)] = np.nan
     return Columns(found, array, numbers, tuple(lost))
 
 
