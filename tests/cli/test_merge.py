@@ -63,7 +63,7 @@ def test_what_is_wrong_is_one_line(run, log, tmp_path):
         ((log, wheel, "--offset", "wheel=1"), 2, ["'1'", "+12.5ms"]),
         ((log, wheel, "--drift", "wheel=fast"), 2, ["'fast'", "-20ppm"]),
         ((log, wheel, "--rate", "many"), 2, ["--rate many", "wheel=240"]),
-        ((log, wheel, "--mapping", tmp_path / "none.toml"), 2, ["none.toml", "cannot be read"]),
+        ((log, wheel, "--mapping", tmp_path / "none.toml"), 2, ["none.toml", "no such file"]),
         ((log, wheel, f"wheel={log}", "--offset", "wheel=1ms"), 2, ["two inputs are called 'wheel'"]),
         ((log, wheel, "--sync", "wheel=nose"), 2, ["no recording has a marker 'nose'"]),
         ((log, broken), 1, ["broken.csv", "line 4", "angle"]),

@@ -43,6 +43,12 @@ def test_what_is_no_quantity_is_named(text: str) -> None:
         parse_drift(text)
 
 
+@pytest.mark.parametrize("text", ["1e99s", "-1e20s", "1e999999999s"])
+def test_an_offset_of_ages_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="offset"):
+        parse_offset(text)
+
+
 def test_assignments() -> None:
     assert parse_assignment("imu=+12.5ms") == ("imu", "+12.5ms")
     for text in ("imu", "=3ms", "imu="):

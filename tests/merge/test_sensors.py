@@ -255,7 +255,7 @@ def test_a_mapping_in_toml(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("toml", "message"),
-    [("colums = 1", "colums"), ("[time]\nunit = 'week'", "time.unit"), ("kind = ", "is not TOML")],
+    [("colums = 1", "colums"), ("[time]\nunit = 'week'", "time.unit"), ("kind = ", "not TOML")],
 )
 def test_mappings_that_are_wrong_are_named(tmp_path: Path, toml: str, message: str) -> None:
     with pytest.raises(SettingsError, match=message):
@@ -281,6 +281,25 @@ def test_parquet(tmp_path: Path, unit: str) -> None:
     log = one(tmp_path / "imu.parquet")
     assert log.stamp_ns.tolist() == ns
     check_imu(log, [G, 0, G / 2])
+
+
+def test_parquet_without_all_its_times(tmp_path: Path) -> None:
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = pa.table({"time (s)": pa.array([0.5, None, 1.5]), "power (W)": [1.0, 2.0, float("inf")]})
+    parquet.write_table(table, tmp_path / "p.parquet")
+    log = one(tmp_path / "p.parquet")
+    assert log.stamp_ns.tolist() == [500_000_000, 1_500_000_000]
+    assert np.isnan(log.values["power_w"]).tolist() == [False, True]
+    assert "1 line without a time is left out, the first is line 2" in log.lost[0]
+
+
+@pytest.mark.parametrize("start", ["1e30", "soon", "0001-01-01"])
+def test_a_start_that_is_no_time_is_named(tmp_path: Path, start: str) -> None:
+    mapping = TableMapping.model_validate({"time": {"start": start}})
+    path = text(tmp_path / "p.csv", "time (s),power (W)", "0,1", "1,2")
+    with pytest.raises(UsageError, match="neither a date nor Unix seconds"):
+        read_sensors(path, mapping=mapping)
 
 
 def test_c3d(tmp_path: Path) -> None:
@@ -450,3 +469,14 @@ def test_merged_sensors_read_back(tmp_path: Path) -> None:
     assert [(d.HasField("power_w"), d.power_w) for d in rows] == [(True, 250), (False, 0)]
     names = {m.name: m.metadata for m in reader.iter_metadata()}
     assert names["spheremcap/clock/imu_left_wrist"]["drift_ppm"] == "-20"
+
+
+def test_a_mapping_with_a_byte_order_mark_and_one_that_is_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "map.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + MAPPING.encode())
+    assert load_mapping(path).kind == "imu"
+    for data in (b"\xff\xff", b"kind = " + b"[" * 5000):
+        path.write_bytes(data)
+        with pytest.raises(SettingsError) as caught:
+            load_mapping(path)
+        assert "\n" not in str(caught.value)

@@ -23,7 +23,7 @@ _TIME_UNITS = {
     "h": 3_600_000_000_000,
 }
 _DRIFT_UNITS = {"ppb": Fraction(1, 10**9), "ppm": Fraction(1, 10**6), "%": Fraction(1, 100)}
-_QUANTITY = re.compile(r"^\s*([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zA-Zµ%]+)\s*$")
+_QUANTITY = re.compile(r"^\s*([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,2})?)\s*([a-zA-Zµ%]+)\s*$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +83,8 @@ def format_offset(offset_ns: int) -> str:
 def parse_offset(text: str) -> int:
     """`+12.5ms`, `-3 s`, `250us` to whole nanoseconds, rounded half up. Raises UsageError."""
     value = _quantity(text, _TIME_UNITS, "an offset", "+12.5ms") * 2
+    if abs(value) >= 1 << 63:
+        raise UsageError(f"an offset of {text} is no clock's: at most 146 years either way")
     return (value.numerator + value.denominator) // (2 * value.denominator)
 
 

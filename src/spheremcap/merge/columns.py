@@ -14,6 +14,7 @@ from spheremcap.merge.log import Kind, SensorLog, sensor_log
 from spheremcap.merge.mapping import ColumnMapping, TableMapping, TimeMapping
 from spheremcap.merge.tables import Columns, Table, bare_name, number, read_columns, split_unit
 from spheremcap.merge.times import (
+    LATEST_NS,
     NotATimeError,
     StampArray,
     Timing,
@@ -219,6 +220,8 @@ def _read(
     if given.start:
         try:
             start_ns, behind = parse_time_ns(given.start), f" after {given.start} (mapping)"
+            if abs(start_ns) >= LATEST_NS:
+                raise ValueError
         except (ValueError, OverflowError) as error:
             raise UsageError(f"mapping: time.start {given.start!r} is neither a date nor Unix seconds") from error
     if not time:

@@ -235,8 +235,14 @@ def read_columns(table: Table, wanted: Sequence[int], times: Sequence[int] = ())
     """
     if table.delimiter in COLUMNAR:
         texts, matrix = read_sheet(table.path, wanted, times)
-        return Columns(texts, matrix, list(range(1, len(matrix) + 1)))
-    found: list[str] = []
+        there = [k for k in range(len(matrix)) if not times or not is_missing(texts[k])]
+        missing = [k + 1 for k in range(len(matrix)) if times and is_missing(texts[k])]
+        if not there:
+            raise SourceError(f"{table.path}: no line has a time")
+        return Columns(
+            [texts[k] for k in there if times], matrix[there], [k + 1 for k in there], _untimed(table, missing)
+        )
+    found = []
     values: list[list[float]] = []
     numbers: list[int] = []
     comma = table.decimal_comma
@@ -247,24 +253,29 @@ def read_columns(table: Table, wanted: Sequence[int], times: Sequence[int] = ())
     with _lines(table) as lines:
         for line in lines:
             at, row, ended = line
-            if not any(cell and not cell.isspace() for cell in row):
-                continue
             if fault is not None:
+                if _is_blank(row):
+                    continue
                 raise SourceError(fault)
             if len(row) <= last or (not ended and len(row) < table.width):
+                if _is_blank(row):
+                    continue
                 fault, cut = f"{table.path}, line {at}: {len(row)} columns, not {table.width}", line
                 continue
             try:
                 try:
                     own = [float(row[k].replace(",", ".")) if comma else float(row[k]) for k in wanted]
                 except ValueError:
+                    if _is_blank(row):
+                        continue
                     own = [_cell(table, row, k) for k in wanted]
                 text = " ".join([row[k].strip() for k in times])
             except _FaultError as error:
                 fault, cut = f"{table.path}, line {at}, {error}", line
                 continue
             if times and is_missing(text):
-                untimed.append(at)
+                if not _is_blank(row):
+                    untimed.append(at)
                 continue
             values.append(own)
             numbers.append(at)
@@ -272,15 +283,22 @@ def read_columns(table: Table, wanted: Sequence[int], times: Sequence[int] = ())
                 found.append(text.replace(",", ".") if comma else text)
     if not values and fault is None:
         raise SourceError(f"{table.path}: no line has a time")
-    lost = []
-    if untimed:
-        lost.append(f"{table.path}: {len(untimed)} lines without a time are left out, the first is line {untimed[0]}")
+    lost = _untimed(table, untimed)
     if cut is not None:
         if not values or (cut.ended and len(cut.cells) > last):
             raise SourceError(fault)
-        lost.append(f"{table.path}: the last line, {cut.number}, is cut off: the {len(values)} before it are kept")
+        lost += (f"{table.path}: the last line, {cut.number}, is cut off: the {len(values)} before it are kept",)
     array = np.array(values, np.float64).reshape(len(values), len(wanted))
-    return Columns(found, array, numbers, tuple(lost))
+    return Columns(found, array, numbers, lost)
+
+
+def _untimed(table: Table, lines: Sequence[int]) -> tuple[str, ...]:
+    there = f"{len(lines)} lines without a time are" if len(lines) > 1 else "1 line without a time is"
+    return (f"{table.path}: {there} left out, the first is line {lines[0]}",) if lines else ()
+
+
+def _is_blank(row: Sequence[str]) -> bool:
+    return not any(cell and not cell.isspace() for cell in row)
 
 
 def _cell(table: Table, row: Sequence[str], k: int) -> float:

@@ -20,6 +20,8 @@ BoolArray = npt.NDArray[np.bool_]
 Zero = Literal["1970", "start", "midnight"]
 
 DAY_NS = 86_400 * NS_PER_S
+LATEST_NS = 1 << 62
+"""The year 2116: two stamps, and what is between them, fit into 64 bits."""
 YEAR_2000_NS = 946_684_800 * NS_PER_S
 _HOUR_NS = 3_600 * NS_PER_S
 
@@ -115,9 +117,12 @@ def _numbers(texts: Sequence[str], unit_ns: int) -> StampArray:
             number = Decimal(text.strip())
             if not number.is_finite() or number.adjusted() > 20:
                 raise NotATimeError(k)
-            out[k] = int((number * unit_ns).to_integral_value())
-        except (InvalidOperation, OverflowError):
+            ns = int((number * unit_ns).to_integral_value())
+        except InvalidOperation:
             raise NotATimeError(k) from None
+        if abs(ns) >= LATEST_NS:
+            raise NotATimeError(k)
+        out[k] = ns
     return out
 
 
@@ -145,8 +150,11 @@ def _dates(texts: Sequence[str], month_first: bool | None) -> tuple[StampArray, 
             if key not in days:
                 days[key] = _day(key, bool(month_first))
             zones += match[11] is not None
-            out[k] = days[key] * DAY_NS + _clock_ns(match, 5) - _zone_ns(match[11])
-        except (ValueError, OverflowError):
+            ns = days[key] * DAY_NS + _clock_ns(match, 5) - _zone_ns(match[11])
+            if abs(ns) >= LATEST_NS:
+                raise ValueError
+            out[k] = ns
+        except ValueError:
             raise NotATimeError(k) from None
     assumed = zones < len(found)
     how = f"as dates{order}" + (", no zone, taken for UTC" if assumed else "")
