@@ -93,14 +93,6 @@ def parse_drift(text: str) -> Fraction:
     return _quantity(text, _DRIFT_UNITS, "a drift", "-20ppm")
 
 
-def parse_assignment(text: str) -> tuple[str, str]:
-    """`imu=+12.5ms` to its two sides. Raises UsageError."""
-    name, equals, value = text.partition("=")
-    if not (name.strip() and equals and value.strip()):
-        raise UsageError(f"{text!r} should be INPUT=VALUE, as in imu=+12.5ms")
-    return name.strip(), value.strip()
-
-
 def _quantity(text: str, units: dict[str, int] | dict[str, Fraction], what: str, example: str) -> Fraction:
     match = _QUANTITY.match(text)
     if match is None or match[2] not in units:
