@@ -121,7 +121,7 @@ def test_stopping_while_the_rest_is_copied_is_stopping_too(tmp_path: Path) -> No
         for k in range(3000):
             writer.add_message(channel, START_NS + 10**10 + k, b"", k)
         writer.finish()  # type: ignore[no-untyped-call]
-    spheremcap.merge([spheremcap.Source(log), spheremcap.Source(long)], tmp_path / "both.mcap")
+    spheremcap.merge([spheremcap.Source(log), spheremcap.Source(long)], tmp_path / "both.mcap", force=True)
     out = tmp_path / "out.mcap"
     report = spheremcap.track(tmp_path / "both.mcap", out, SETTINGS, seeds(), stop=lambda: next(asked) >= COUNT)
     assert (report.stopped, report.frames) == (True, COUNT)
