@@ -31,7 +31,7 @@ from spheremcap.io.mcap_log import McapLog, RunInfo
 from spheremcap.io.recording import Recording, open
 from spheremcap.io.sources import CameraView, FromMcap, open_input
 from spheremcap.io.video import VideoSource
-from spheremcap.merge.dataset import Dataset, Source, merge
+from spheremcap.merging.dataset import Dataset, Source, merge
 from spheremcap.session import Session
 
 __all__ = [

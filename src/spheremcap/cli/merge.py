@@ -72,9 +72,9 @@ def merge(
 
         spheremcap merge session.mcap wheel.csv imu/ -o dataset.mcap --offset wheel=+12.5ms --sync imu=left_wrist
     """
-    from spheremcap.merge.clock import parse_drift, parse_offset
-    from spheremcap.merge.dataset import Source, merge
-    from spheremcap.merge.mapping import UnreadTableError, load_mapping
+    from spheremcap.merging.clock import parse_drift, parse_offset
+    from spheremcap.merging.dataset import Source, merge
+    from spheremcap.merging.mapping import UnreadTableError, load_mapping
 
     loaded()
     given = [_input(text) for text in inputs]

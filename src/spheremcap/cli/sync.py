@@ -27,8 +27,8 @@ def sync(
     windows. There is no answer, and exit code 1, where the signals do not support one. `merge --sync` applies it.
     """
     from spheremcap.io.recording import open as open_recording
-    from spheremcap.merge.dataset import sync_recording
-    from spheremcap.merge.sync import SyncConfig
+    from spheremcap.merging.dataset import sync_recording
+    from spheremcap.merging.sync import SyncConfig
 
     loaded()
     opened = open_recording(recording)

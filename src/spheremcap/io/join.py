@@ -94,7 +94,7 @@ class _OutFile(PartFile):
 
 
 class StampMap(Protocol):
-    """How an input's stamps become those of the common time line; merge.clock.Clock is one."""
+    """How an input's stamps become those of the common time line; merging.clock.Clock is one."""
 
     def __call__(self, stamp_ns: int) -> int: ...
 
