@@ -5,13 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from test_dataset import errors_ms, write_imu, write_recording
 from test_starts import log_times, table
 from test_starts import recording as short_recording
 from test_sync import session
 
-from spheremcap.errors import UsageError
+from spheremcap.errors import SpheremcapError, UsageError
 from spheremcap.io import recording
 from spheremcap.merging.clock import Clock, format_offset, parse_drift, parse_offset
 from spheremcap.merging.dataset import Source, merge
@@ -256,6 +258,67 @@ def test_two_sensors_of_one_name_are_refused(tmp_path: Path) -> None:
     sources = [Source(table(tmp_path / "crank.csv", 0.0)), Source(table(tmp_path / "a" / "crank.csv", 0.0))]
     with pytest.raises(UsageError, match="2 sensors would be /sensors/crank"):
         merge(sources, tmp_path / "out.mcap")
+
+
+def test_a_sensor_that_a_recording_has_already_is_refused(tmp_path: Path) -> None:
+    rec, crank = short_recording(tmp_path / "rec.mcap", START_NS), table(tmp_path / "crank.csv", 0.0)
+    merge([Source(rec), Source(crank)], tmp_path / "one.mcap")
+    with pytest.raises(UsageError, match=r"one\.mcap has /sensors/crank already: give the file another name"):
+        merge([Source(tmp_path / "one.mcap"), Source(crank)], tmp_path / "two.mcap")
+    merge([Source(tmp_path / "one.mcap", prefix="/old"), Source(crank)], tmp_path / "two.mcap")
+    assert set(recording.open(tmp_path / "two.mcap").sensors) == {"crank"}
+
+
+def test_a_devices_folder_is_synchronised_by_what_moved(tmp_path: Path) -> None:
+    made = session(40, seed=3, fps=120, offset_s=5.4)
+    video, folder = write_recording(tmp_path / "out.mcap", made), tmp_path / "device"
+    folder.mkdir()
+    write_imu(folder / "Inertial.csv", made)
+    still = "".join(f"{k * 100_000},0,0,1\n" for k in range(400))
+    (folder / "HighG.csv").write_text("Timestamp (us),X (g),Y (g),Z (g)\n" + still)
+    (folder / "Temperature.csv").write_text("Timestamp (us),Heat (W)\n0,20\n1000000,21\n")
+    source = Source(folder, sync_marker="left_wrist", drift=parse_drift("100ppm"))
+    dataset = merge([Source(video), source], tmp_path / "both.mcap")
+    assert list(dataset.syncs) == ["device"]
+    back = recording.open(tmp_path / "both.mcap").sensors
+    assert errors_ms(back["device"].stamp_ns, made).max() < 1.0
+    for name in ("device_temperature", "device_highg"):
+        assert back[name].stamp_ns[0] == back["device"].stamp_ns[0]
+    assert all("(drift)" not in p.line() for p in dataset.placements)
+
+
+NUMBERS = st.sampled_from(["0", "1", "2.5", "-3", "", "#N/A", "1e300", "1e18", "1752480000", "10:00:02", "x"])
+HEADS = st.sampled_from(
+    ["Time (s)", "t", "Zeit [s]", "timestamp", "acc_x (g)", "acc_y (g)", "acc_z (g)", "angle (deg)", "Pump A", "pump_a",
+     "pump_a1", "pump_a_1", "pumpA1", "1", "_", "größe", "时间", "json", "class", "timestamp_2", "v (km/h)", ""]
+)  # fmt: skip
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    names=st.lists(HEADS, min_size=1, max_size=6),
+    lines=st.lists(st.lists(NUMBERS, min_size=2, max_size=7), min_size=1, max_size=6),
+    offset_ns=st.sampled_from([0, 1, -START_NS, 10**18, -(10**18)]),
+    force=st.booleans(),
+)
+def test_any_table_is_merged_or_one_line(
+    tmp_path: Path, names: list[str], lines: list[list[str]], offset_ns: int, force: bool
+) -> None:
+    rec = tmp_path / "rec.mcap"
+    if not rec.exists():
+        short_recording(rec, START_NS)
+    path, out = tmp_path / "any.csv", tmp_path / "out.mcap"
+    path.write_text("\n".join(";".join(row) for row in [["Time (s)", *names], *lines]) + "\n", encoding="utf-8")
+    try:
+        dataset = merge([Source(rec), Source(path, offset_ns=offset_ns)], out, force=force, overwrite=True)
+    except SpheremcapError as error:
+        if "\n" in str(error) or list(tmp_path.glob("*.part")):
+            raise
+        return
+    (place,) = (p for p in dataset.placements if p.name == "any")
+    back = recording.open(out).sensors["any"]
+    assert len(back) == place.count
+    assert (int(back.stamp_ns[0]), int(back.stamp_ns[-1])) == place.span_ns
 
 
 def test_sensors_alone_go_by_the_one_with_a_true_clock(tmp_path: Path) -> None:

@@ -126,6 +126,15 @@ def test_what_is_left_out_of_a_typed_sample_is_said(tmp_path: Path) -> None:
     assert log.notes == (f"{tmp_path / 'i.csv'}: columns that are left out: Barometer (hPa), acc x (g)",)
 
 
+def test_dates_with_commas_among_decimal_commas(tmp_path: Path) -> None:
+    (tmp_path / "d.csv").write_text(
+        "14.07.2025;10:00:00\nZeit;Leistung\n14.07.2025, 10:00:00,5;1,5\n14.07.2025, 10:00:01;2\n"
+    )
+    log = one(tmp_path / "d.csv")
+    assert log.stamp_ns.tolist() == [1_752_487_200_500_000_000, 1_752_487_201_000_000_000]
+    assert log.values["leistung"].tolist() == [1.5, 2]
+
+
 def test_a_date_and_its_time_in_two_columns(tmp_path: Path) -> None:
     (tmp_path / "d.csv").write_text("Uhrzeit;Datum;Leistung\n10:00:00;14.07.2025;200,5\n10:00:01;14.07.2025;201\n")
     log = one(tmp_path / "d.csv")

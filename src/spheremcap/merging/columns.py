@@ -251,8 +251,10 @@ def _stamps(
     table: Table, read: Columns, time: Sequence[int], unit: str, month_first: bool | None
 ) -> tuple[Columns, StampArray, Timing]:
     """The times' stamps; a last one that is no time any more is cut off."""
+    comma = table.decimal_comma and unit != "date"
+    texts = [text.replace(",", ".") for text in read.times] if comma else read.times
     try:
-        return read, *read_times(read.times, unit, month_first=month_first)
+        return read, *read_times(texts, unit, month_first=month_first)
     except NotATimeError as error:
         row = error.row
         where = "" if table.delimiter.startswith(".p") else f", line {read.lines[row]}"

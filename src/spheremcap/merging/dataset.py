@@ -10,7 +10,7 @@ from pathlib import Path
 
 from spheremcap.errors import UsageError
 from spheremcap.io import recording
-from spheremcap.io.join import McapStream, Merged, Stream, merge_streams
+from spheremcap.io.join import McapStream, Merged, Stream, in_range, merge_streams
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.sources import is_recording
 from spheremcap.merging.clock import Clock
@@ -122,9 +122,12 @@ def merge(
             else:
                 found = read_sensors(source.path, name=source.label, mapping=source.mapping, rate_hz=source.rate_hz)
                 logs.append((source, found))
-        _all_different([log.name for _, found in logs for log in found])
+        _all_different([log.name for _, found in logs for log in found], recordings)
         placed, syncs = _placed(recordings, logs, config)
         placements = [p for r in recordings if (p := r.placement()) is not None] + [p for _, p in placed]
+        for place in placements:
+            for stamp_ns in place.span_ns:
+                in_range(stamp_ns, place.input)
         notes = [p.line() for p in placements]
         for log, _ in placed:
             notes.extend(log.notes)
@@ -163,8 +166,12 @@ def _stream(own: _Recording) -> Stream:
     )  # fmt: skip
 
 
-def _all_different(names: Sequence[str]) -> None:
+def _all_different(names: Sequence[str], recordings: Sequence[_Recording]) -> None:
+    """Raises UsageError where two sensors would share a topic."""
+    topics = {own.source.prefix + c.topic: own.source for own in recordings for c in own.records.channels.values()}
     for name, count in Counter(names).items():
+        if (there := topics.get(f"/sensors/{name}")) is not None:
+            raise UsageError(f"{there.path} has /sensors/{name} already: give the file another name, as in other=PATH")
         if count > 1:
             raise UsageError(f"{count} sensors would be /sensors/{name}: give one another name, as in other=PATH")
 
@@ -190,9 +197,10 @@ def _placed(
             first = min(int(log.stamp_ns[0]) for log in own)
             last = max(int(log.stamp_ns[-1]) for log in own)
             base, words = base_ns(zero, first, start_ns, start_of)
-            words += given_words(source.offset_ns, source.drift)
+            synced = source.sync_marker is not None  # which says the drift too
+            words += given_words(source.offset_ns, Fraction(0) if synced else source.drift)
             clock = Clock(base + source.offset_ns, source.drift, first)
-            if source.sync_marker is not None:
+            if synced:
                 if start_ns is not None and zero == "start" and (clock(first) > max(ends) or clock(last) < start_ns):
                     clock = Clock(start_ns - first, Fraction(0), first)
                     words = (f"its first sample at the start of {start_of} as a guess",)

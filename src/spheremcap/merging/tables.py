@@ -205,7 +205,7 @@ def _is_data(row: Sequence[str], comma: bool) -> bool:
     numeric = sum(number(cell, comma) is not None for cell in cells)
     dated = sum(map(is_time, cells[:2]))
     absent = sum(map(is_missing, cells)) if numeric + dated else 0
-    return len(cells) >= 2 and numeric + dated + absent >= max(2, (len(cells) + 1) // 2)
+    return len(cells) >= 2 and numeric + absent > 0 and numeric + dated + absent >= max(2, (len(cells) + 1) // 2)
 
 
 def _is_sparse(row: Sequence[str], comma: bool) -> bool:
@@ -280,7 +280,7 @@ def read_columns(table: Table, wanted: Sequence[int], times: Sequence[int] = ())
             values.append(own)
             numbers.append(at)
             if times:
-                found.append(text.replace(",", ".") if comma else text)
+                found.append(text)
     if not values and fault is None:
         raise SourceError(f"{table.path}: no line has a time")
     lost = _untimed(table, untimed)
