@@ -264,7 +264,11 @@ class McapRecords:
                 in_data = False
             elif opcode == Opcode.STATISTICS:
                 summary = _parsed(Statistics.read, self._read(offset, length))
-                if summary is not None:
+                if summary is None:
+                    self._lose(
+                        offset, "the statistics record does not parse: nobody knows how many messages there were"
+                    )
+                else:
                     self._stated = dict(summary.channel_message_counts)
             elif opcode == Opcode.FOOTER:
                 finished = True
