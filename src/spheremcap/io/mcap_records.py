@@ -139,9 +139,11 @@ class McapRecords:
                 yield attachment
 
     @property
-    def end_ns(self) -> int:
-        """The last log time, as far as the chunks' own headers say; 0 where there is none."""
-        return max((piece.end for piece in self._pieces), default=0)
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last log time, as far as the chunks' own headers say; None where there are no messages."""
+        if not self._pieces:
+            return None
+        return min(piece.start for piece in self._pieces), max(piece.end for piece in self._pieces)
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """All readable messages, or those of `topics`, by log time; equal times in the order of the file."""

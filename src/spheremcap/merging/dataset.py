@@ -74,14 +74,19 @@ class _Recording:
     first_ns: int | None
     clock: Clock
 
+    @property
+    def last_ns(self) -> int:
+        """The last message's own stamp, as far as the file itself says; 0 without messages."""
+        span_ns = self.records.span_ns or (0, 0)
+        return max(self.first_ns or 0, span_ns[1])
+
     def placement(self) -> Placement | None:
         if self.first_ns is None:
             return None
         source = self.source
-        last_ns = max(self.first_ns, self.records.end_ns)
         return Placement(
             source.label, source.label, source.path.name, "messages", sum(self.records.counts.values()),
-            self.first_ns, last_ns, None, Timing("log times"), self.clock,
+            self.first_ns, self.last_ns, None, Timing("log times"), self.clock,
             given_words(source.offset_ns, source.drift), source.offset_ns,
         )  # fmt: skip
 
@@ -188,7 +193,7 @@ def _placed(
             firsts = [int(log.stamp_ns[0]) for log in found if log.timing.zero == "1970"]
             starts.extend((first + source.offset_ns, source.label) for first in firsts)
     start_ns, start_of = min(starts, key=lambda start: start[0], default=(None, ""))
-    ends = [own.clock(max(own.first_ns, own.records.end_ns)) for own in recordings if own.first_ns is not None]
+    ends = [own.clock(own.last_ns) for own in recordings if own.first_ns is not None]
     placed: list[tuple[SensorLog, Placement]] = []
     syncs: dict[str, Sync] = {}
     for source, found in logs:
