@@ -110,7 +110,7 @@ def test_xsens_dot_with_its_preamble_and_a_counter_that_wraps(tmp_path: Path) ->
     check_imu(log, [1.5, 0, 9.8], [np.pi / 2, 0, 0])
     assert np.diff(log.stamp_ns).tolist() == [16_667_000, 16_667_000]
     assert log.values["orientation.w"].tolist() == [1, 1, 1]
-    assert log.notes == ()
+    assert log.notes == (f"{path}: columns that are left out: PacketCounter, Status",)
 
 
 def test_xsens_dot_without_inertial_data_is_refused(tmp_path: Path) -> None:
@@ -141,6 +141,10 @@ def test_shimmer_consensys(tmp_path: Path, delimiter: str) -> None:
     check_imu(log, [2, 3, 4], [np.pi / 2, 0, 0])
     assert log.stamp_ns[0] == 1_595_933_810_034_251_000
     assert "magnetic_field.x" not in log.values
+    (note,) = (note for note in log.notes if "left out" in note)
+    assert "Shimmer_40AC_Mag_Z_CAL, Shimmer_40AC_Battery_CAL" in note
+    assert "Timestamp" not in note
+    assert "Gyro" not in note
 
 
 def test_shimmer_with_dates(tmp_path: Path) -> None:

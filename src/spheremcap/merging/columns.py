@@ -1,6 +1,7 @@
 """A table as a sensor's log: which columns are which quantity, in which units, and which are its times."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -65,8 +66,8 @@ def read_table(
     time = None if own is not None else _time_columns(table, mapping.time, times)
     read, stamp_ns, timing = _read(table, mapping, time or (), [k for k, _ in columns.values()], own)
     used = {*(k for k, _ in columns.values()), *(time or times[:1])}
-    if not mapping.columns and (left := [n for k, n in enumerate(table.names) if n and k not in used]):
-        notes += (f"{table.path}: columns that are left out: {', '.join(left)}",)
+    if not mapping.columns:
+        notes += _left_out(table, used)
     values: dict[str, FloatArray] = {}
     saturated: npt.NDArray[np.bool_] | None = None
     for (axis, (index, unit)), column in zip(columns.items(), read.values.T, strict=True):
@@ -93,7 +94,9 @@ def fixed(
     own: tuple[StampArray, Timing] | None = None,
     **time: Any,
 ) -> SensorLog:
-    """A table whose layout is known, as if a mapping had said it; the user's own time settings come first."""
+    """A table whose layout is known, as if a mapping had said it; the user's own time settings come first. The columns
+    that are left out are said.
+    """
     given = {key: value for key, value in mapping.time.model_dump().items() if value not in (None, "")}
     filled = mapping.model_copy(
         update={
@@ -101,7 +104,13 @@ def fixed(
             "columns": {q: ColumnMapping(columns=c, unit=units[q]) for q, c in columns.items()},
         }
     )
-    return read_table(table, name, filled, own)
+    log = read_table(table, name, filled, own)
+    known = [m is not None and m.quantity == "time" for m in (meaning(n, "") for n in table.names)]
+    used = {table.column(wanted) for names in columns.values() for wanted in names} | set(
+        np.flatnonzero(known).tolist()
+    )
+    used |= {table.column(filled.time.column)} if filled.time.column is not None else set()
+    return replace(log, notes=(*log.notes, *_left_out(table, used)))
 
 
 def even_stamps(count: int, rate_hz: float) -> StampArray:
@@ -109,6 +118,11 @@ def even_stamps(count: int, rate_hz: float) -> StampArray:
     period = Fraction(NS_PER_S) / Fraction(str(rate_hz))
     n, d = period.numerator, period.denominator
     return np.array([(2 * k * n + d) // (2 * d) for k in range(count)], np.int64)
+
+
+def _left_out(table: Table, used: Collection[int]) -> tuple[str, ...]:
+    left = [name for k, name in enumerate(table.names) if name and k not in used]
+    return (f"{table.path}: columns that are left out: {', '.join(left)}",) if left else ()
 
 
 def _axes(quantity: str, count: int, kind: Kind | None) -> list[str]:
