@@ -580,6 +580,48 @@ FAULTS = (
         "if start_ns is not None and zero == \"start\" and (clock(first) > max(ends) or clock(last) < start_ns):",
         "if False:", (PLACEMENT,),
     ),
+    Fault(
+        336, "dataset: a sensor may share a recording's topic", "merging/dataset.py",
+        "if (there := topics.get(f\"/sensors/{name}\")) is not None:", "if (there := topics.get(name)) is not None:",
+        (PLACEMENT,),
+    ),
+    Fault(
+        337, "dataset: what is out of range is found while writing", "merging/dataset.py",
+        "                in_range(stamp_ns, place.input)\n", "                pass\n", (PLACEMENT,),
+    ),
+    Fault(
+        338, "dataset: a drift that sync replaces is said", "merging/dataset.py",
+        "Fraction(0) if synced else source.drift)", "source.drift)", (PLACEMENT,),
+    ),
+    Fault(
+        339, "dataset: any sensor of a device may synchronise it", "merging/dataset.py",
+        "            except SyncError as error:\n", "            except ZeroDivisionError as error:\n", (PLACEMENT,),
+    ),
+    Fault(
+        340, "mapping: a unit that the header gives is not taken over", "merging/mapping.py",
+        "\"unit\": unit if plain(unit) in UNITS[quantity] else \"\"", "\"unit\": \"\"",
+        ("tests/merging/test_mapping.py",),
+    ),
+    Fault(
+        341, "columns: what a maker's layout leaves out is not said", "merging/columns.py",
+        "return replace(log, notes=(*log.notes, *_left_out(table, used)))", "return log",
+        ("tests/merging/test_sensors.py",),
+    ),
+    Fault(
+        342, "columns: a date without its time of day", "merging/columns.py",
+        "return [found[0]] if clock is None else [found[0], clock]", "return [found[0]]", (TABLES,),
+    ),
+    Fault(
+        343, "columns: decimal commas in dates become points", "merging/columns.py",
+        "comma = table.decimal_comma and unit != \"date\"", "comma = table.decimal_comma", (TABLES,),
+    ),
+    Fault(
+        344, "tables: two times are a row of data", "merging/tables.py", " and numeric + absent > 0", "", (TABLES,),
+    ),
+    Fault(
+        345, "clock: an offset of ages", "merging/clock.py", "if abs(value) >= 1 << 63:", "if False:",
+        ("tests/merging/test_clock.py",),
+    ),
 )  # fmt: skip
 
 

@@ -321,6 +321,14 @@ def test_any_table_is_merged_or_one_line(
     assert (int(back.stamp_ns[0]), int(back.stamp_ns[-1])) == place.span_ns
 
 
+def test_what_an_offset_moves_out_of_all_time_is_found_before_anything_is_written(tmp_path: Path) -> None:
+    rec, crank = short_recording(tmp_path / "rec.mcap", START_NS), table(tmp_path / "crank.csv", 0.0)
+    for sources in ([Source(rec), Source(crank, offset_ns=-START_NS - S)], [Source(rec, offset_ns=-START_NS - S)]):
+        with pytest.raises(UsageError, match="before 1970"):
+            merge(sources, tmp_path / "out.mcap", force=True)
+        assert not list(tmp_path.glob("out*"))
+
+
 def test_sensors_alone_go_by_the_one_with_a_true_clock(tmp_path: Path) -> None:
     sources = [Source(table(tmp_path / "zero.csv", 0.0)), Source(table(tmp_path / "true.csv", START_NS / S))]
     merge(sources, tmp_path / "out.mcap")

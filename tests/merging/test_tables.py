@@ -135,8 +135,12 @@ def test_dates_with_commas_among_decimal_commas(tmp_path: Path) -> None:
     assert log.values["leistung"].tolist() == [1.5, 2]
 
 
-def test_a_date_and_its_time_in_two_columns(tmp_path: Path) -> None:
-    (tmp_path / "d.csv").write_text("Uhrzeit;Datum;Leistung\n10:00:00;14.07.2025;200,5\n10:00:01;14.07.2025;201\n")
+@pytest.mark.parametrize("day_first", [True, False])
+def test_a_date_and_its_time_in_two_columns(tmp_path: Path, day_first: bool) -> None:
+    rows = [("Datum", "Uhrzeit"), ("14.07.2025", "10:00:00"), ("14.07.2025", "10:00:01")]
+    values = ("Leistung", "200,5", "201")
+    lines = [";".join([*(row if day_first else row[::-1]), v]) for row, v in zip(rows, values, strict=True)]
+    (tmp_path / "d.csv").write_text("\n".join(lines) + "\n")
     log = one(tmp_path / "d.csv")
     assert log.stamp_ns.tolist() == [1_752_487_200_000_000_000, 1_752_487_201_000_000_000]
     assert list(log.values) == ["leistung"]

@@ -105,11 +105,10 @@ def fixed(
         }
     )
     log = read_table(table, name, filled, own)
-    known = [m is not None and m.quantity == "time" for m in (meaning(n, "") for n in table.names)]
-    used = {table.column(wanted) for names in columns.values() for wanted in names} | set(
-        np.flatnonzero(known).tolist()
-    )
-    used |= {table.column(filled.time.column)} if filled.time.column is not None else set()
+    used = {table.column(wanted) for names in columns.values() for wanted in names}
+    if filled.time.column is not None:
+        used.add(table.column(filled.time.column))
+    used.update(k for k, n in enumerate(table.names) if (found := meaning(n, "")) and found.quantity == "time")
     return replace(log, notes=(*log.notes, *_left_out(table, used)))
 
 
