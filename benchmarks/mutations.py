@@ -10,7 +10,7 @@ what fails then is left out. Ends with 1 when a fault's text is not found any mo
 Faults up to 34 have the numbers of a reader's review of an early version, which 20 of its 35 faults escaped: these are
 they, in their present form. From 101 on they are of chain, status, checks, session, optics, whereabouts, verifier and
 follower, from 181 on of what edges, outline and filter make of what they know beforehand, from 211 on of shading,
-softness, exposure and returns.
+softness, exposure and returns, from 301 on of merge.
 """
 
 import argparse
@@ -51,6 +51,11 @@ EDGE, COLOUR = "tests/detection/test_edge.py", "tests/detection/test_colour.py"
 SHADING, REACQUIRED = "tests/detection/test_shading.py", "tests/verification/test_reacquired.py"
 SPHERE, KALMAN = "tests/positioning/test_sphere.py", "tests/positioning/test_kalman.py"
 
+PLACEMENT = "tests/merging/test_placement.py"
+TIMES = "tests/merging/test_times.py"
+TABLES = "tests/merging/test_tables.py"
+GPMF = "tests/merging/test_gpmf.py"
+MERGE_CLI = "tests/cli/test_merge.py"
 FAULTS = (
     Fault(
         1, "points: no forward-backward check", "tracking/points.py",
@@ -114,13 +119,12 @@ FAULTS = (
         "ns = last + max(1, length_ns // 2)", "ns = last", ("tests/io/test_equal_times.py",),
     ),
     Fault(
-        31, "sync: drift of the reference taken for the sensor's", "merge/sync.py",
-        "own_drift = fit.drift / (1 - fit.drift)", "own_drift = fit.drift", ("tests/merge/test_starts.py",),
+        31, "sync: drift of the reference taken for the sensor's", "merging/sync.py",
+        "own_drift = fit.drift / (1 - fit.drift)", "own_drift = fit.drift", ("tests/merging/test_starts.py",),
     ),
     Fault(
-        33, "dataset: a relative sensor does not start with the recording", "merge/dataset.py",
-        "base = start_ns - first if log.relative and start_ns is not None else 0", "base = 0",
-        ("tests/merge/test_starts.py",),
+        33, "dataset: a relative sensor does not start with the recording", "merging/placement.py",
+        "return start_ns, (f\"{_time(start_ns)}", "return 0, (f\"{_time(start_ns)}", ("tests/merging/test_starts.py",),
     ),
     Fault(
         34, "outline: order of the covariance's sandwich", "detection/outline.py",
@@ -435,6 +439,188 @@ FAULTS = (
     Fault(
         226, "colour: hues of black pixels count", "detection/colour.py",
         "hue_off[chroma < _NO_HUE * np.median(chroma)] = 0", "pass", (COLOUR,),
+    ),
+    # -- merge: tables, times, placements
+    Fault(
+        301, "dataset: a track is not read through its recording's clock", "merging/dataset.py",
+        "stamp_ns = own.clock.all(track.stamp_ns.tolist())", "stamp_ns = track.stamp_ns", (PLACEMENT,),
+    ),
+    Fault(
+        302, "dataset: the start is the recording's raw one", "merging/dataset.py",
+        "starts = [(own.clock(own.first_ns), own.source.label)", "starts = [(own.first_ns, own.source.label)",
+        (PLACEMENT,),
+    ),
+    Fault(
+        303, "dataset: each file of a device has its own anchor", "merging/dataset.py",
+        "place = Placement(\n", "clock = replace(clock, anchor_ns=first_ns)\n                place = Placement(\n",
+        (PLACEMENT,),
+    ),
+    Fault(
+        304, "placement: the first sample starts with the recording", "merging/placement.py",
+        "return start_ns, (f\"{_time(start_ns)}", "return start_ns - first_ns, (f\"{_time(start_ns)}", (PLACEMENT,),
+    ),
+    Fault(
+        305, "placement: a time of day is of the recording's own day", "merging/placement.py",
+        "days = range(start_ns // DAY_NS - 1, start_ns // DAY_NS + 2)", "days = [start_ns // DAY_NS]", (PLACEMENT,),
+    ),
+    Fault(
+        306, "placement: inputs that only follow each other overlap", "merging/placement.py",
+        "start > until", "start > until + 60 * NS_PER_S", (PLACEMENT,),
+    ),
+    Fault(
+        307, "placement: the end of a group is that of its last input", "merging/placement.py",
+        "until = max(until, end)", "until = end", (PLACEMENT,),
+    ),
+    Fault(
+        308, "placement: the remedy forgets the offset that was given", "merging/placement.py",
+        "inside[0] - start + place.given_ns", "inside[0] - start", (PLACEMENT,),
+    ),
+    Fault(
+        309, "log: a restart passes for late samples", "merging/log.py",
+        "if again or switches > _SWITCHES * len(falls) + 2 * _SWITCHES:", "if again:", (PLACEMENT,),
+    ),
+    Fault(
+        310, "log: every fall is a restart", "merging/log.py",
+        "if again or switches > _SWITCHES * len(falls) + 2 * _SWITCHES:", "if True:", (PLACEMENT,),
+    ),
+    Fault(
+        311, "log: repeated times are not counted", "merging/log.py",
+        "repeated = int(np.count_nonzero(steps == 0))", "repeated = 0", (PLACEMENT,),
+    ),
+    Fault(
+        312, "log: gaps are not said", "merging/log.py", "steps > least", "steps > 100 * least", (PLACEMENT,),
+    ),
+    Fault(
+        313, "times: the month always first", "merging/times.py",
+        "        if month_first:\n", "        if True:\n", (TIMES,),
+    ),
+    Fault(
+        314, "times: a zone is added instead of taken off", "merging/times.py",
+        "_clock_ns(match, 5) - _zone_ns(match[11])", "_clock_ns(match, 5) + _zone_ns(match[11])", (TIMES,),
+    ),
+    Fault(
+        315, "times: no day after midnight", "merging/times.py",
+        "return out + midnights * DAY_NS, Timing(how, \"midnight\"", "return out, Timing(how, \"midnight\"", (TIMES,),
+    ),
+    Fault(
+        316, "times: twelve at night is noon", "merging/times.py",
+        "hour = hour % 12 + (12 if", "hour = hour + (12 if hour < 12 and", (TIMES,),
+    ),
+    Fault(
+        317, "times: a number without end is computed", "merging/times.py", " or number.adjusted() > 20", "", (TIMES,),
+    ),
+    Fault(
+        318, "tables: UTF-16 without a mark is UTF-8", "merging/tables.py",
+        "return \"utf-16-be\" if zeros[0] else \"utf-16-le\"", "return \"utf-8-sig\"", (TABLES,),
+    ),
+    Fault(
+        319, "tables: bytes that are not UTF-8 are lost", "merging/tables.py",
+        ".decode(\"cp1252\", \"replace\"), error.end", ".decode(\"ascii\", \"replace\"), error.end", (TABLES,),
+    ),
+    Fault(
+        320, "tables: a short last line is read as far as it goes", "merging/tables.py",
+        " or (not ended and len(row) < table.width)", "", (TABLES,),
+    ),
+    Fault(
+        321, "tables: a fault in a whole last line passes for a cut", "merging/tables.py",
+        "if not values or (cut.ended and len(cut.cells) > last):", "if not values:", (TABLES,),
+    ),
+    Fault(
+        322, "tables: lines without a time are not counted", "merging/tables.py",
+        "                untimed.append(at)\n", "", (TABLES,),
+    ),
+    Fault(
+        323, "tables: a gap in the first row makes it a header", "merging/tables.py",
+        "        first -= 1\n", "        break\n", (TABLES,),
+    ),
+    Fault(
+        324, "tables: infinity is a value", "merging/columns.py",
+        "np.where(np.isinf(scaled), np.nan, scaled)", "scaled", (TABLES,),
+    ),
+    Fault(
+        325, "columns: names that fold to one replace each other", "merging/columns.py",
+        "own = _free(wanted, columns)", "own = wanted", (TABLES,),
+    ),
+    Fault(
+        326, "columns: speeds stay in their own unit", "merging/columns.py",
+        "return factor(\"speed\", unit, where) if axis.endswith(\"_mps\") and unit else 1.0", "return 1.0", (TABLES,),
+    ),
+    Fault(
+        327, "mapping: the time's column is not guessed", "merging/mapping.py",
+        "        time = _first_rising(table)\n", "        pass\n", (MERGE_CLI,),
+    ),
+    Fault(
+        328, "gopro: a scale of zero divides", "merging/makers/gopro.py", " and bool(np.all(scale != 0))", "", (GPMF,),
+    ),
+    Fault(
+        329, "gopro: nesting without end", "merging/makers/gopro.py",
+        "elif kind == \"\\0\" and depth < _DEEPEST:", "elif kind == \"\\0\":", (GPMF,),
+    ),
+    Fault(
+        330, "records: fewer messages than stated is no loss", "io/mcap_records.py",
+        "        self._compare(given, topics)\n", "", (MERGE_CLI, "tests/merging/test_mutants.py"),
+    ),
+    Fault(
+        331, "sync: damage is not said by the exit code", "cli/sync.py", "raise typer.Exit(3)", "pass", (MERGE_CLI,),
+    ),
+    Fault(
+        332, "merge: what sensor files lost is no exit code", "merging/dataset.py",
+        "return self.sensors_lost + self.merged.lost", "return self.merged.lost", (MERGE_CLI,),
+    ),
+    Fault(
+        333, "dataset: doubts are not asked about", "merging/dataset.py",
+        "if doubts and not force and not stop():", "if False:", (MERGE_CLI,),
+    ),
+    Fault(
+        334, "samples: placements are not written", "merging/samples.py",
+        "facts = dict(self.facts) or {", "facts = {", (PLACEMENT,),
+    ),
+    Fault(
+        335, "sync: a sensor that has run for long has no guess", "merging/dataset.py",
+        "if start_ns is not None and zero == \"start\" and (clock(first) > max(ends) or clock(last) < start_ns):",
+        "if False:", (PLACEMENT,),
+    ),
+    Fault(
+        336, "dataset: a sensor may share a recording's topic", "merging/dataset.py",
+        "if (there := topics.get(f\"/sensors/{name}\")) is not None:", "if (there := topics.get(name)) is not None:",
+        (PLACEMENT,),
+    ),
+    Fault(
+        337, "dataset: what is out of range is found while writing", "merging/dataset.py",
+        "                in_range(stamp_ns, place.input)\n", "                pass\n", (PLACEMENT,),
+    ),
+    Fault(
+        338, "dataset: a drift that sync replaces is said", "merging/dataset.py",
+        "Fraction(0) if synced else source.drift)", "source.drift)", (PLACEMENT,),
+    ),
+    Fault(
+        339, "dataset: any sensor of a device may synchronise it", "merging/dataset.py",
+        "            except SyncError as error:\n", "            except ZeroDivisionError as error:\n", (PLACEMENT,),
+    ),
+    Fault(
+        340, "mapping: a unit that the header gives is not taken over", "merging/mapping.py",
+        "\"unit\": unit if plain(unit) in UNITS[quantity] else \"\"", "\"unit\": \"\"",
+        ("tests/merging/test_mapping.py",),
+    ),
+    Fault(
+        341, "columns: what a maker's layout leaves out is not said", "merging/columns.py",
+        "return replace(log, notes=(*log.notes, *_left_out(table, used)))", "return log",
+        ("tests/merging/test_sensors.py",),
+    ),
+    Fault(
+        342, "columns: a date without its time of day", "merging/columns.py",
+        "return [found[0]] if clock is None else [found[0], clock]", "return [found[0]]", (TABLES,),
+    ),
+    Fault(
+        343, "columns: decimal commas in dates become points", "merging/columns.py",
+        "comma = table.decimal_comma and unit != \"date\"", "comma = table.decimal_comma", (TABLES,),
+    ),
+    Fault(
+        344, "tables: two times are a row of data", "merging/tables.py", " and numeric + absent > 0", "", (TABLES,),
+    ),
+    Fault(
+        345, "clock: an offset of ages", "merging/clock.py", "if abs(value) >= 1 << 63:", "if False:",
+        ("tests/merging/test_clock.py",),
     ),
 )  # fmt: skip
 

@@ -59,11 +59,16 @@ def test_importing_costs_nothing_and_every_name_is_there() -> None:
         spheremcap.nonsense  # noqa: B018
 
 
-def test_merge_is_a_function_although_it_is_a_package_too(tmp_path: Path) -> None:
+def test_the_jobs_are_in_one_place() -> None:
+    for name in ("track", "merge", "open"):
+        assert getattr(api, name) is getattr(spheremcap, name)
+
+
+def test_merge_is_a_function_whatever_was_imported_before(tmp_path: Path) -> None:
     log = write_recording(tmp_path / "log.mcap", ["/front/image"])
     code = (
-        "import sys, spheremcap.merge.clock, spheremcap as s;"
-        "from pathlib import Path; assert not callable(s.merge.clock);"
+        "import sys, spheremcap.merging.clock, spheremcap.api, spheremcap as s;"
+        "from types import FunctionType; from pathlib import Path; assert type(s.merge) is FunctionType;"
         "s.merge([s.Source(Path(sys.argv[1]))], sys.argv[2])"
     )
     subprocess.run([sys.executable, "-c", code, log, tmp_path / "one.mcap"], check=True)
@@ -116,7 +121,7 @@ def test_stopping_while_the_rest_is_copied_is_stopping_too(tmp_path: Path) -> No
         for k in range(3000):
             writer.add_message(channel, START_NS + 10**10 + k, b"", k)
         writer.finish()  # type: ignore[no-untyped-call]
-    spheremcap.merge([spheremcap.Source(log), spheremcap.Source(long)], tmp_path / "both.mcap")
+    spheremcap.merge([spheremcap.Source(log), spheremcap.Source(long)], tmp_path / "both.mcap", force=True)
     out = tmp_path / "out.mcap"
     report = spheremcap.track(tmp_path / "both.mcap", out, SETTINGS, seeds(), stop=lambda: next(asked) >= COUNT)
     assert (report.stopped, report.frames) == (True, COUNT)

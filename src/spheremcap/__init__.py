@@ -23,7 +23,7 @@ _HOMES = {
     "io.sources": ["FromMcap"],
     "io.topics": ["Topics"],
     "io.video": ["VideoSource"],
-    "merge.dataset": ["Source", "merge"],
+    "merging.dataset": ["Source", "merge"],
     "session": ["Session"],
 }
 """Where each public name is at home. It is loaded when it is first asked for: `import spheremcap` costs nothing."""

@@ -26,8 +26,8 @@ from spheremcap.io.recording import open as open
 from spheremcap.io.sources import FromMcap as FromMcap
 from spheremcap.io.topics import Topics as Topics
 from spheremcap.io.video import VideoSource as VideoSource
-from spheremcap.merge.dataset import Source as Source
-from spheremcap.merge.dataset import merge as merge
+from spheremcap.merging.dataset import Source as Source
+from spheremcap.merging.dataset import merge as merge
 from spheremcap.session import Session as Session
 
 __version__: str

@@ -1,4 +1,6 @@
-"""The jobs of spheremcap as functions: track a video into a recording. Wires io to the session."""
+"""The jobs of spheremcap as functions: track a video into a recording, merge recordings and sensor files, open what
+came out. Wires io to the session.
+"""
 
 import hashlib
 import heapq
@@ -26,9 +28,22 @@ from spheremcap.io.camera_file import read_camera_info
 from spheremcap.io.encode import H264Encoder, jpeg_encode
 from spheremcap.io.join import Join, SharedWriter, checked_output, open_output
 from spheremcap.io.mcap_log import McapLog, RunInfo
+from spheremcap.io.recording import Recording, open
 from spheremcap.io.sources import CameraView, FromMcap, open_input
 from spheremcap.io.video import VideoSource
+from spheremcap.merging.dataset import Dataset, Source, merge
 from spheremcap.session import Session
+
+__all__ = [
+    "Dataset",
+    "Recording",
+    "Source",
+    "TrackReport",
+    "merge",
+    "open",
+    "resolve_camera",
+    "track",
+]
 
 
 @dataclass

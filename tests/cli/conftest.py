@@ -8,7 +8,7 @@ from typing import NamedTuple
 import pytest
 
 TESTS = Path(__file__).parents[1]
-sys.path[:0] = [str(TESTS), str(TESTS / "merge"), str(TESTS / "io")]
+sys.path[:0] = [str(TESTS), str(TESTS / "merging"), str(TESTS / "io")]
 
 from clips import write_clip, write_recording  # noqa: E402
 from spheremcap.cli import main  # noqa: E402

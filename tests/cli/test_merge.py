@@ -63,14 +63,14 @@ def test_what_is_wrong_is_one_line(run, log, tmp_path):
         ((log, wheel, "--offset", "wheel=1"), 2, ["'1'", "+12.5ms"]),
         ((log, wheel, "--drift", "wheel=fast"), 2, ["'fast'", "-20ppm"]),
         ((log, wheel, "--rate", "many"), 2, ["--rate many", "wheel=240"]),
-        ((log, wheel, "--mapping", tmp_path / "none.toml"), 2, ["none.toml", "cannot be read"]),
+        ((log, wheel, "--mapping", tmp_path / "none.toml"), 2, ["none.toml", "no such file"]),
         ((log, wheel, f"wheel={log}", "--offset", "wheel=1ms"), 2, ["two inputs are called 'wheel'"]),
         ((log, wheel, "--sync", "wheel=nose"), 2, ["no recording has a marker 'nose'"]),
         ((log, broken), 1, ["broken.csv", "line 4", "angle"]),
         ((log, no_unit), 2, ["no_unit.csv", "unit"]),
     ):
         outcome = run("merge", *arguments, "-o", out)
-        assert (outcome.code, outcome.out) == (code, ""), outcome
+        assert (outcome.code, outcome.out == "") == (code, no_unit not in arguments), outcome
         assert outcome.err.count("\n") == 1, outcome.err
         for word in words:
             assert word in outcome.err
@@ -100,10 +100,10 @@ def test_ctrl_c_leaves_a_readable_part(run, log, tmp_path, monkeypatch):
         add(writer, *message)
 
     monkeypatch.setattr(SharedWriter, "add_message", pressed)
-    outcome = run("merge", log, long, "-o", out)
+    outcome = run("merge", log, long, "-o", out, "--force")
     part = tmp_path / "dataset.mcap.part"
     assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.err == f"spheremcap: stopped after 2048 messages; they are in {part}\n"
+    assert outcome.err.splitlines()[-1] == f"spheremcap: stopped after 2048 messages; they are in {part}"
     assert not out.exists()
     assert len(rows(part)) == 2048
     assert signal.getsignal(signal.SIGINT) is before
@@ -142,3 +142,91 @@ def test_sync_lists_what_there_is_and_refuses_to_guess(run, moved, tmp_path):
     assert run("merge", video, flat, "-o", merged).code == 0
     outcome = run("sync", merged, "--marker", "left_wrist", "--sensor", "flat")
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (1, "", 1)
+
+
+def test_each_placement_is_one_line_and_what_is_lost_is_exit_3(run, log, tmp_path):
+    imu = tmp_path / "imu.csv"
+    imu.write_text("Zeit [s];a x [g];a y [g];a z [g]\n" + "".join(f"{k / 100};0;0;1\n" for k in range(30)) + "0,3;0;0")
+    out = tmp_path / "out.mcap"
+    outcome = run("merge", log, imu, "-o", out)
+    assert outcome.code == 3
+    first, second, lost = outcome.err.splitlines()
+    assert first.startswith("spheremcap: log: ")
+    assert first.endswith("times: log times; added: nothing")
+    assert "imu: 30 samples at 100 Hz, " in second
+    assert "times: column 1 (Zeit [s]) in s; added: " in second
+    assert lost == f"spheremcap: {imu}: the last line, 32, is cut off: the 30 before it are kept"
+    assert len(spheremcap.open(out).sensors["imu"]) == 30
+
+
+def test_what_does_not_overlap_is_asked_about(run, log, tmp_path):
+    wheel, out = wheel_csv(tmp_path / "wheel.csv"), tmp_path / "out.mcap"
+    outcome = run("merge", log, wheel, "-o", out, "--offset", "wheel=1h")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "does not overlap log" in outcome.err.splitlines()[-1]
+    assert not list(tmp_path.glob("out*"))
+    outcome = run("merge", log, wheel, "-o", out, "--offset", "wheel=1h", "--force")
+    assert outcome.code == 0, outcome.err
+    assert "does not overlap log" in outcome.err
+
+
+def test_a_table_that_is_not_understood_prints_a_mapping_that_reads_it(run, log, tmp_path):
+    odd, mapping, out = tmp_path / "odd.csv", tmp_path / "odd.toml", tmp_path / "out.mcap"
+    odd.write_text("tick;links [N];Kurbelwinkel;note\n0;1,5;90;a\n10;2,5;180;b\n")
+    outcome = run("merge", log, odd, "-o", out)
+    assert outcome.code == 2
+    assert outcome.err.count("\n") == 1
+    assert "no column is obviously the time (tick, links [N], Kurbelwinkel, note)" in outcome.err
+    assert 'column = "tick"' in outcome.out
+    assert "# column 2: 'links [N]', first value '1,5'" in outcome.out
+    mapping.write_text(outcome.out)
+    outcome = run("merge", log, odd, "-o", out, "--mapping", f"odd={mapping}")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "column 1 (tick): the time has no unit" in outcome.err
+    text = mapping.read_text()
+    assert text.count('unit = ""') == 2
+    mapping.write_text(text.replace('unit = ""', 'unit = "ms"', 1).replace('unit = ""', 'unit = "deg"'))
+    outcome = run("merge", log, odd, "-o", out, "--mapping", f"odd={mapping}")
+    assert outcome.code == 0, outcome.err
+    sensor = spheremcap.open(out).sensors["odd"]
+    assert sensor["angle_rad"] == pytest.approx([np.pi / 2, np.pi])
+    assert np.diff(sensor.stamp_ns).tolist() == [10_000_000]
+
+
+def without(out, topic, index):
+    """An uncompressed recording, one message of which no reader knows as such any more; nothing else says so:
+    there are no checksums, and the statistics are those of the whole.
+    """
+    from mcap.writer import CompressionType, Writer
+
+    with out.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False, enable_data_crcs=False)
+        writer.start()
+        channel = writer.register_channel(topic, "json", 0)
+        for k in range(10):
+            writer.add_message(channel, START_NS + k, f"message {k:02}".encode(), START_NS + k)
+        writer.finish()
+    data = bytearray(out.read_bytes())
+    data[data.index(f"message {index:02}".encode()) - 31] = 0x80  # a private record: readers pass over it
+    out.write_bytes(data)
+    return out
+
+
+def test_fewer_messages_than_the_files_own_statistics_say_is_a_loss(run, log, tmp_path):
+    cut, out = without(tmp_path / "cut.mcap", "/x", 4), tmp_path / "out.mcap"
+    outcome = run("merge", cut, "-o", out)
+    assert outcome.code == 3
+    assert f"{cut}: " in outcome.err
+    assert "the file's own statistics" in outcome.err
+    assert len(rows(out)) == 9
+
+
+def test_sync_says_damage_and_exits_3(run, moved, tmp_path):
+    _, video, imu = moved
+    rough, cut = tmp_path / "rough.mcap", tmp_path / "cut.mcap"
+    assert run("merge", video, imu, "-o", rough).code == 0
+    cut.write_bytes(rough.read_bytes()[:-200])
+    outcome = run("sync", cut, "--marker", "left_wrist", "--sensor", "imu_left_wrist")
+    assert outcome.code == 3
+    assert "windows agree" in outcome.out
+    assert "cut.mcap is damaged: " in outcome.err

@@ -23,7 +23,7 @@ from spheremcap.errors import UsageError
 from spheremcap.io.join import Join, McapStream, Merged, merge_streams, open_output
 from spheremcap.io.mcap_log import McapLog, RunInfo
 from spheremcap.io.mcap_records import McapRecords
-from spheremcap.merge.clock import Clock, parse_drift
+from spheremcap.merging.clock import Clock, parse_drift
 
 Row = tuple[str, int, int, int, bytes]
 

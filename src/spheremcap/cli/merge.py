@@ -59,18 +59,22 @@ def merge(
         typer.Option("--prefix", metavar="NAME=TOPIC", help="Put an MCAP's topics under another: second=/right"),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Merge inputs that do not overlap, or whose clock began anew, as they are.")
+    ] = False,
 ) -> None:
-    """Merge recordings and sensor files by log time; the inputs stay as they are, and nothing is lost.
+    """Merge recordings and sensor files by log time; the inputs stay as they are.
 
     An input is called NAME as its file is without the ending, `wheel` for wheel.csv and `imu` for imu/. Messages of
-    MCAPs go over byte for byte; sensors become topics /sensors/NAME in SI units. How times were mapped is written as
-    metadata, and each message's publish time stays its own.
+    MCAPs go over byte for byte; sensors become topics /sensors/NAME in SI units. Where each input was placed and why is
+    said, and written as metadata; each message's publish time stays its own. For a table that is not understood, a
+    mapping file to start from is printed.
 
         spheremcap merge session.mcap wheel.csv imu/ -o dataset.mcap --offset wheel=+12.5ms --sync imu=left_wrist
     """
-    from spheremcap.merge.clock import parse_drift, parse_offset
-    from spheremcap.merge.dataset import Source, merge
-    from spheremcap.merge.sensors import load_mapping
+    from spheremcap.merging.clock import parse_drift, parse_offset
+    from spheremcap.merging.dataset import Source, merge
+    from spheremcap.merging.mapping import UnreadTableError, load_mapping
 
     loaded()
     given = [_input(text) for text in inputs]
@@ -96,27 +100,34 @@ def merge(
         )  # fmt: skip
     with Interrupt() as interrupted, bar("messages") as shown:
         task = shown.add_task("merging", total=None)
-        dataset = merge(
-            sources, output, overwrite=overwrite, stop=interrupted,
-            progress=lambda done, total: shown.update(task, completed=done, total=total),
-        )  # fmt: skip
-    for note in dataset.notes:
-        print(f"spheremcap: {note}", file=sys.stderr)
+        try:
+            dataset = merge(
+                sources, output, overwrite=overwrite, force=force, say=_say, stop=interrupted,
+                progress=lambda done, total: shown.update(task, completed=done, total=total),
+            )  # fmt: skip
+        except UnreadTableError as error:
+            print(error.mapping, end="")
+            advice = "what it may be is printed as a mapping: save it, complete it, give it with --mapping"
+            raise UsageError(f"{error}; {advice}") from error
     for new, old in dataset.merged.renamed.items():
         print(
             f"spheremcap: metadata record {old!r} is there with other content: kept as {new!r}",
             file=sys.stderr,
         )
-    for line in dataset.merged.lost:
-        print(f"spheremcap: {line}", file=sys.stderr)
+    for line in dataset.lost:
+        _say(line)
     counts = dataset.merged.counts
     written = f"{sum(counts.values())} messages"
     if dataset.merged.stopped:
         print(f"spheremcap: stopped after {written}; they are in {output}.part", file=sys.stderr)
         raise typer.Exit(1)
     print(f"{written} on {len(counts)} topics -> {output}")
-    if dataset.merged.lost:
+    if dataset.lost:
         raise typer.Exit(3)
+
+
+def _say(line: str) -> None:
+    print(f"spheremcap: {line}", file=sys.stderr)
 
 
 def _input(text: str) -> tuple[str, Path]:
@@ -152,7 +163,7 @@ def _by_name(
 
 def _rate(text: str) -> float:
     try:
-        if (rate := float(text.removesuffix("Hz"))) > 0:
+        if 0 < (rate := float(text.removesuffix("Hz"))) <= 1e6:
             return rate
     except ValueError:
         pass

@@ -1,5 +1,6 @@
 """spheremcap sync: how a sensor's clock stands against the video's."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -25,11 +26,17 @@ def sync(
     A marker's acceleration is held against an accelerometer's (or its speed against a wheel's rate) in sliding
     windows. There is no answer, and exit code 1, where the signals do not support one. `merge --sync` applies it.
     """
-    from spheremcap.merge.dataset import sync_recording
-    from spheremcap.merge.sync import SyncConfig
+    from spheremcap.io.recording import open as open_recording
+    from spheremcap.merging.dataset import sync_recording
+    from spheremcap.merging.sync import SyncConfig
 
     loaded()
-    found = sync_recording(recording, marker, sensor, config=SyncConfig(max_offset_s=max_offset))
+    opened = open_recording(recording)
+    if opened.damage is not None:
+        print(f"spheremcap: {opened.damage}", file=sys.stderr)
+    found = sync_recording(opened, marker, sensor, config=SyncConfig(max_offset_s=max_offset))
     print(f"{sensor}: {found.line()}")
     print(f"merge again with --sync NAME={marker}, or add to what was given: "
           f"--offset NAME={found.offset_s * 1e3:+.4f}ms --drift NAME={found.drift_ppm:+.3f}ppm")  # fmt: skip
+    if opened.damage is not None:
+        raise typer.Exit(3)

@@ -8,7 +8,7 @@ content the later one gets a number (`name#2`). Every input is read a few chunks
 import heapq
 import os
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,7 +94,7 @@ class _OutFile(PartFile):
 
 
 class StampMap(Protocol):
-    """How an input's stamps become those of the common time line; merge.clock.Clock is one."""
+    """How an input's stamps become those of the common time line; merging.clock.Clock is one."""
 
     def __call__(self, stamp_ns: int) -> int: ...
 
@@ -132,7 +132,7 @@ class McapStream:
     """An MCAP input, or some topics of it, on the common time line; publish times stay what they were.
 
     `prefix` goes before every topic (two recordings of the same tool would otherwise share topics). `extras`
-    says whether metadata and attachments come along.
+    says whether metadata and attachments come along. `facts` are a name and what is said of the input's times.
     """
 
     def __init__(
@@ -143,8 +143,10 @@ class McapStream:
         prefix: str = "",
         topics: Collection[str] | None = None,
         extras: bool = True,
+        facts: tuple[str, Mapping[str, str]] | None = None,
     ) -> None:
         self.records = records
+        self.facts = facts
         self.clock = clock
         self.prefix = prefix
         self.wanted = topics
@@ -172,9 +174,10 @@ class McapStream:
                 writer.add_metadata(record.name, record.metadata)
             for file in self.records.attachments():
                 writer.add_attachment(file.create_time, file.log_time, file.name, file.media_type, file.data)
-        if self.clock is not None:
-            facts = {"input": self.records.path.name} | self.clock.lines()
-            writer.add_metadata(CLOCK_METADATA + self.records.path.stem, facts)
+        name, facts = self.facts or (self.records.path.stem, {})
+        if facts or self.clock is not None:
+            lines = {} if self.clock is None else self.clock.lines()
+            writer.add_metadata(CLOCK_METADATA + name, {"input": self.records.path.name} | lines | dict(facts))
 
     def messages(self) -> Iterator[OutMessage]:
         """The input's messages by log time; stamps before 1970 are an error, for MCAP cannot hold them."""

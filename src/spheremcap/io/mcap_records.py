@@ -12,6 +12,7 @@ import os
 import re
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -103,6 +104,7 @@ class McapRecords:
         self.counts: dict[int, int] = {}
         self.lost: list[Loss] = []
         self.unordered = 0
+        self._stated: dict[int, int] = {}
         self._attachments: list[tuple[int, int]] = []
         self._pieces: list[_Piece] = []
         try:
@@ -136,10 +138,19 @@ class McapRecords:
             if attachment is not None:
                 yield attachment
 
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last log time, as far as the chunks' own headers say; None where there are no messages."""
+        if not self._pieces:
+            return None
+        return min(piece.start for piece in self._pieces), max(piece.end for piece in self._pieces)
+
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """All readable messages, or those of `topics`, by log time; equal times in the order of the file."""
+        given: Counter[int] = Counter()
         for piece_, entry, data in self._entries(topics):
             channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, entry[1])
+            given[channel_id] += 1
             channel = self.channels.get(channel_id)
             if channel is None:
                 if not piece_.reported:
@@ -148,6 +159,22 @@ class McapRecords:
             elif topics is None or channel.topic in topics:
                 body = bytes(data[entry[1] + _MESSAGE.size : entry[2]])
                 yield RawMessage(channel, sequence, log_time, publish_time, body)
+        self._compare(given, topics)
+
+    def _compare(self, given: Counter[int], topics: Collection[str] | None) -> None:
+        """Once a file is read to its end: whether its own statistics say more messages than there were."""
+        fewer = {}
+        for id_, stated in list(self._stated.items()):
+            channel = self.channels.get(id_)
+            topic = f"channel {id_}" if channel is None else channel.topic
+            if given[id_] < stated and (topics is None or topic in topics):
+                del self._stated[id_]  # said once
+                fewer[topic] = (given[id_], stated)
+        if fewer:
+            missing = sum(stated - there for there, stated in fewer.values())
+            each = ", ".join(f"{topic} {there} of {stated}" for topic, (there, stated) in list(fewer.items())[:3])
+            more = f" and {len(fewer) - 3} more" if len(fewer) > 3 else ""
+            self._lose(self._size, f"by the file's own statistics {missing} messages are missing ({each}{more})")
 
     def _entries(self, topics: Collection[str] | None) -> Iterator[tuple[_Piece, _Entry, bytes]]:
         """Pieces opened as late as their start times allow, their messages merged by log time."""
@@ -239,6 +266,12 @@ class McapRecords:
                 in_data = False
             elif opcode == Opcode.STATISTICS:
                 summary = _parsed(Statistics.read, self._read(offset, length))
+                if summary is None:
+                    self._lose(
+                        offset, "the statistics record does not parse: nobody knows how many messages there were"
+                    )
+                else:
+                    self._stated = dict(summary.channel_message_counts)
             elif opcode == Opcode.FOOTER:
                 finished = True
                 trusted = trusted and self._summary_intact(offset)

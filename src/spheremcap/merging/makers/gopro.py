@@ -8,6 +8,7 @@ import os
 import struct
 from collections.abc import Iterator
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import av
@@ -17,6 +18,9 @@ import numpy.typing as npt
 
 from spheremcap.core.time import ticks_to_ns
 from spheremcap.errors import SourceError
+from spheremcap.merging.log import SensorLog, sensor_log
+from spheremcap.merging.mapping import TableMapping
+from spheremcap.merging.times import Timing
 
 _NUMBERS = {
     "b": "i1",
@@ -33,8 +37,27 @@ _QUANTITIES = {"ACCL": "linear_acceleration", "GYRO": "angular_velocity"}
 _FIRST_ORDER = "ZXY"
 """The order of the axes where a stream does not state it (HERO5 to HERO7)."""
 
+_DEEPEST = 16
+"""Cameras nest three deep."""
+
 FloatArray = npt.NDArray[np.float64]
 StampArray = npt.NDArray[np.int64]
+
+
+def matches(path: Path) -> bool:
+    """By the ending."""
+    return path.suffix.lower() in (".mp4", ".mov", ".360")
+
+
+def read(path: Path, name: str, mapping: TableMapping) -> list[SensorLog]:
+    """One log for each of accelerometer and gyroscope, on the video's own time, from zero."""
+    logs = []
+    timing = Timing("the telemetry's place in the video", "start")
+    for quantity, stamp_ns, values in read_gpmf(path):
+        columns = {f"{quantity}.{axis}": values[:, k] for k, axis in enumerate("xyz")}
+        own = f"{name}_{'acc' if quantity == 'linear_acceleration' else 'gyro'}"
+        logs.append(sensor_log(own, "imu", stamp_ns, columns, timing, path, frame_id=name))
+    return logs
 
 
 def read_gpmf(path: str | os.PathLike[str]) -> list[tuple[str, StampArray, FloatArray]]:
@@ -79,23 +102,43 @@ def _collect(
         collected.setdefault(quantity, []).append((np.array(stamps, np.int64), values))
 
 
-def payload_samples(payload: bytes) -> Iterator[tuple[str, FloatArray]]:
-    """(quantity, values (N, 3) in SI, x, y, z) of every accelerometer and gyroscope stream in one payload."""
+def payload_samples(payload: bytes, depth: int = 0) -> Iterator[tuple[str, FloatArray]]:
+    """(quantity, values (N, 3) in SI, x, y, z) of every accelerometer and gyroscope stream in one payload.
+
+    A stream whose scale or order of axes makes no sense is left out; a value that is not finite is NaN.
+    """
     for key, kind, _, data in _items(payload):
         if kind == "\0" and key == "STRM":
-            scale, order = np.ones(1), _FIRST_ORDER
+            scale: FloatArray | None = np.ones(1)
+            order = _FIRST_ORDER
             for inner, letter, size, body in _items(data):
-                if inner == "SCAL" and letter in _NUMBERS:
-                    scale = np.frombuffer(body, _NUMBERS[letter]).astype(np.float64)
+                if inner == "SCAL":
+                    scale = _numbers(body, letter)
                 elif inner == "ORIN":
                     order = body.decode("ascii", "replace")[:3]
                 elif inner in _QUANTITIES and letter in _NUMBERS:
-                    raw = np.frombuffer(body, _NUMBERS[letter]).astype(np.float64)
+                    raw = _numbers(body, letter)
                     three = size == 3 * np.dtype(_NUMBERS[letter]).itemsize
-                    if len(raw) and three and sorted(order.upper()) == ["X", "Y", "Z"]:
-                        yield _QUANTITIES[inner], _in_axes(raw.reshape(-1, 3) / scale, order)
-        elif kind == "\0":
-            yield from payload_samples(data)
+                    usable = scale is not None and len(scale) in (1, 3) and bool(np.all(scale != 0))
+                    if (
+                        raw is not None
+                        and scale is not None
+                        and three
+                        and usable
+                        and sorted(order.upper()) == list("XYZ")
+                    ):
+                        values = _in_axes(raw.reshape(-1, 3) / scale, order)
+                        yield _QUANTITIES[inner], np.where(np.isfinite(values), values, np.nan)
+        elif kind == "\0" and depth < _DEEPEST:
+            yield from payload_samples(data, depth + 1)
+
+
+def _numbers(body: bytes, letter: str) -> FloatArray | None:
+    """The numbers of a type letter; None when there are none, or not a whole number of them."""
+    if letter not in _NUMBERS or not body or len(body) % np.dtype(_NUMBERS[letter]).itemsize:
+        return None
+    with np.errstate(all="ignore"):
+        return np.frombuffer(body, _NUMBERS[letter]).astype(np.float64)
 
 
 def _in_axes(raw: FloatArray, order: str) -> FloatArray:

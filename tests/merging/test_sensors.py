@@ -11,10 +11,12 @@ from mcap_protobuf.decoder import DecoderFactory
 from spheremcap.errors import SettingsError, SourceError, SpheremcapError, UsageError
 from spheremcap.io import recording
 from spheremcap.io.join import merge_streams
-from spheremcap.merge.clock import Clock, parse_drift
-from spheremcap.merge.gpmf import payload_samples
-from spheremcap.merge.samples import SensorStream
-from spheremcap.merge.sensors import SensorLog, TableMapping, load_mapping, read_sensors
+from spheremcap.merging.clock import Clock, parse_drift
+from spheremcap.merging.log import SensorLog
+from spheremcap.merging.makers.gopro import payload_samples
+from spheremcap.merging.mapping import TableMapping, load_mapping
+from spheremcap.merging.samples import SensorStream
+from spheremcap.merging.sensors import read_sensors
 
 G = 9.80665
 DEG = np.pi / 180
@@ -108,7 +110,7 @@ def test_xsens_dot_with_its_preamble_and_a_counter_that_wraps(tmp_path: Path) ->
     check_imu(log, [1.5, 0, 9.8], [np.pi / 2, 0, 0])
     assert np.diff(log.stamp_ns).tolist() == [16_667_000, 16_667_000]
     assert log.values["orientation.w"].tolist() == [1, 1, 1]
-    assert log.notes == ()
+    assert log.notes == (f"{path}: columns that are left out: PacketCounter, Status",)
 
 
 def test_xsens_dot_without_inertial_data_is_refused(tmp_path: Path) -> None:
@@ -139,6 +141,10 @@ def test_shimmer_consensys(tmp_path: Path, delimiter: str) -> None:
     check_imu(log, [2, 3, 4], [np.pi / 2, 0, 0])
     assert log.stamp_ns[0] == 1_595_933_810_034_251_000
     assert "magnetic_field.x" not in log.values
+    (note,) = (note for note in log.notes if "left out" in note)
+    assert "Shimmer_40AC_Mag_Z_CAL, Shimmer_40AC_Battery_CAL" in note
+    assert "Timestamp" not in note
+    assert "Gyro" not in note
 
 
 def test_shimmer_with_dates(tmp_path: Path) -> None:
@@ -253,7 +259,7 @@ def test_a_mapping_in_toml(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("toml", "message"),
-    [("colums = 1", "colums"), ("[time]\nunit = 'h'", "time.unit"), ("kind = ", "is not TOML")],
+    [("colums = 1", "colums"), ("[time]\nunit = 'week'", "time.unit"), ("kind = ", "not TOML")],
 )
 def test_mappings_that_are_wrong_are_named(tmp_path: Path, toml: str, message: str) -> None:
     with pytest.raises(SettingsError, match=message):
@@ -279,6 +285,25 @@ def test_parquet(tmp_path: Path, unit: str) -> None:
     log = one(tmp_path / "imu.parquet")
     assert log.stamp_ns.tolist() == ns
     check_imu(log, [G, 0, G / 2])
+
+
+def test_parquet_without_all_its_times(tmp_path: Path) -> None:
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = pa.table({"time (s)": pa.array([0.5, None, 1.5]), "power (W)": [1.0, 2.0, float("inf")]})
+    parquet.write_table(table, tmp_path / "p.parquet")
+    log = one(tmp_path / "p.parquet")
+    assert log.stamp_ns.tolist() == [500_000_000, 1_500_000_000]
+    assert np.isnan(log.values["power_w"]).tolist() == [False, True]
+    assert "1 line without a time is left out, the first is line 2" in log.lost[0]
+
+
+@pytest.mark.parametrize("start", ["1e30", "soon", "0001-01-01"])
+def test_a_start_that_is_no_time_is_named(tmp_path: Path, start: str) -> None:
+    mapping = TableMapping.model_validate({"time": {"start": start}})
+    path = text(tmp_path / "p.csv", "time (s),power (W)", "0,1", "1,2")
+    with pytest.raises(UsageError, match="neither a date nor Unix seconds"):
+        read_sensors(path, mapping=mapping)
 
 
 def test_c3d(tmp_path: Path) -> None:
@@ -370,8 +395,8 @@ def test_gopro_file(tmp_path: Path) -> None:
             r"bad.csv, line 4, column 3 \(acc_y.*'oops'",
         ),
         (
-            ["t (s),acc_x (g),acc_y (g),acc_z (g)", "0,1,2,3", "1,1"],
-            r"bad.csv, line 3: 2 columns, of which column 4",
+            ["t (s),acc_x (g),acc_y (g),acc_z (g)", "0,1,2,3", "1,1", "2,1,2,3"],
+            r"bad.csv, line 3: 2 columns, not 4",
         ),
         (
             ["t (s),acc_x (g),acc_y (g),acc_z (g)", "0,1,2,3", "x,1,2,3"],
@@ -410,7 +435,7 @@ def test_stamps_that_go_back_are_sorted_and_counted(tmp_path: Path) -> None:
     log = one(text(tmp_path / "a.csv", "t (ms),angle (deg)", "0,1", "20,3", "10,2", "30,4"))
     assert log.stamp_ns.tolist() == [0, 10**7, 2 * 10**7, 3 * 10**7]
     assert np.allclose(log.values["angle_rad"], np.array([1, 2, 3, 4]) * DEG)
-    assert "1 stamps go back" in log.notes[0]
+    assert "1 stamp goes back; the samples are sorted" in log.notes[0]
 
 
 def test_clipping_is_found_without_a_range(tmp_path: Path) -> None:
@@ -448,3 +473,14 @@ def test_merged_sensors_read_back(tmp_path: Path) -> None:
     assert [(d.HasField("power_w"), d.power_w) for d in rows] == [(True, 250), (False, 0)]
     names = {m.name: m.metadata for m in reader.iter_metadata()}
     assert names["spheremcap/clock/imu_left_wrist"]["drift_ppm"] == "-20"
+
+
+def test_a_mapping_with_a_byte_order_mark_and_one_that_is_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "map.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + MAPPING.encode())
+    assert load_mapping(path).kind == "imu"
+    for data in (b"\xff\xff", b"kind = " + b"[" * 5000):
+        path.write_bytes(data)
+        with pytest.raises(SettingsError) as caught:
+            load_mapping(path)
+        assert "\n" not in str(caught.value)

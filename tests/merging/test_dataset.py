@@ -14,7 +14,7 @@ from spheremcap.core.marker import MarkerSpec
 from spheremcap.errors import UsageError
 from spheremcap.io import recording
 from spheremcap.io.mcap_log import McapLog
-from spheremcap.merge.dataset import Source, merge, sync_recording
+from spheremcap.merging.dataset import Source, merge, sync_recording
 
 
 def write_recording(path: Path, made: Session) -> Path:
@@ -76,7 +76,7 @@ def test_merge_finds_the_clock_and_writes_the_residuals(
 def test_sync_says_what_to_add_and_merge_takes_it(made: Session, inputs: tuple[Path, Path], tmp_path: Path) -> None:
     video, imu = inputs
     merge([Source(video), Source(imu, name="wrist")], tmp_path / "rough.mcap")
-    sync = sync_recording(tmp_path / "rough.mcap", "left_wrist", "wrist")
+    sync = sync_recording(recording.open(tmp_path / "rough.mcap"), "left_wrist", "wrist")
     added = Source(
         imu,
         name="wrist",
@@ -105,8 +105,8 @@ def test_a_merge_that_is_stopped_early_reads_no_more(inputs: tuple[Path, Path], 
 def test_what_is_not_there_is_listed(inputs: tuple[Path, Path], tmp_path: Path) -> None:
     video, imu = inputs
     with pytest.raises(UsageError, match="no marker 'nose'; there are: left_wrist"):
-        sync_recording(video, "nose", "imu")
+        sync_recording(recording.open(video), "nose", "imu")
     with pytest.raises(UsageError, match="no sensor 'imu'; there are: none"):
-        sync_recording(video, "left_wrist", "imu")
+        sync_recording(recording.open(video), "left_wrist", "imu")
     with pytest.raises(UsageError, match="no recording has a marker 'nose'"):
         merge([Source(video), Source(imu, sync_marker="nose")], tmp_path / "x.mcap")

@@ -2,7 +2,7 @@
 columns.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,8 +16,9 @@ from spheremcap.core.time import NS_PER_S
 from spheremcap.io import _pb
 from spheremcap.io.join import CLOCK_METADATA, OutMessage, SharedWriter, in_range
 from spheremcap.io.mcap_log import schema_id
-from spheremcap.merge.clock import Clock
-from spheremcap.merge.sensors import SensorLog, topic_name
+from spheremcap.merging.clock import Clock
+from spheremcap.merging.header import topic_name
+from spheremcap.merging.log import SensorLog
 
 
 @dataclass
@@ -25,12 +26,13 @@ class SensorStream:
     """A SensorLog as messages on `/sensors/NAME`: log time and stamp on the common time line, publish time
     its own.
 
-    `clock` maps the sensor's stamps; the mapping is written as metadata.
+    `clock` maps the sensor's stamps; how is written as metadata, as `facts` or in short.
     """
 
     log: SensorLog
     clock: Clock = field(default_factory=Clock)
     topic: str = ""
+    facts: Mapping[str, str] = field(default_factory=dict)
     _channel: int = field(default=-1, repr=False)
 
     @property
@@ -49,7 +51,7 @@ class SensorStream:
             schema = schema_id(writer, self._message_class)
         self._channel = writer.register_channel(self.topic or f"/sensors/{self.log.name}", "protobuf", schema)
         if self.log.source:
-            facts = {"input": self.log.source, "samples": str(len(self.log))} | self.clock.lines()
+            facts = dict(self.facts) or {"input": self.log.source} | self.clock.lines()
             writer.add_metadata(CLOCK_METADATA + self.log.name, facts)
 
     def messages(self) -> Iterator[OutMessage]:

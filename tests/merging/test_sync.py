@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from spheremcap.merge.sync import (
+from spheremcap.merging.sync import (
     Sync,
     SyncConfig,
     SyncError,

@@ -13,7 +13,7 @@ be known. Against a wheel's rate the marker's speed is used.
    Cespedes et al., Ultrasonic Imaging 17, 1995), and a robust line through the windows' lags (iteratively
    reweighted least squares, Tukey's weights).
 
-Measured on simulated ten-minute recordings (tests/merge/test_sync.py). The camera's own acceleration is not
+Measured on simulated ten-minute recordings (tests/merging/test_sync.py). The camera's own acceleration is not
 seen: a chair that surges by 3 m/s^2 with every push moves the answer by about half a millisecond. A constant
 delay inside sensor or camera (filters, half the exposure) is part of the result.
 """
@@ -29,9 +29,9 @@ from scipy.signal import fftconvolve, savgol_filter
 
 from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import SpheremcapError
-from spheremcap.merge.clock import Clock
-from spheremcap.merge.sensors import SensorLog
-from spheremcap.merge.units import G as STANDARD_GRAVITY
+from spheremcap.merging.clock import Clock
+from spheremcap.merging.log import SensorLog
+from spheremcap.merging.units import G as STANDARD_GRAVITY
 
 FloatArray = npt.NDArray[np.float64]
 StampArray = npt.NDArray[np.int64]

@@ -13,9 +13,17 @@ from spheremcap.errors import UsageError
 
 StampArray = npt.NDArray[np.int64]
 
-_TIME_UNITS = {"ns": 1, "us": 1_000, "µs": 1_000, "ms": 1_000_000, "s": 1_000_000_000, "min": 60_000_000_000}
+_TIME_UNITS = {
+    "ns": 1,
+    "us": 1_000,
+    "µs": 1_000,
+    "ms": 1_000_000,
+    "s": 1_000_000_000,
+    "min": 60_000_000_000,
+    "h": 3_600_000_000_000,
+}
 _DRIFT_UNITS = {"ppb": Fraction(1, 10**9), "ppm": Fraction(1, 10**6), "%": Fraction(1, 100)}
-_QUANTITY = re.compile(r"^\s*([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*([a-zA-Zµ%]+)\s*$")
+_QUANTITY = re.compile(r"^\s*([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,2})?)\s*([a-zA-Zµ%]+)\s*$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,23 +70,27 @@ def format_exact(value: Fraction) -> str:
     return f"{decimal:f}" if Fraction(decimal) == value else str(value)
 
 
+def format_offset(offset_ns: int) -> str:
+    """A text that `parse_offset` reads back exactly: `+12.5ms`, `-2h`."""
+    size = abs(offset_ns)
+    if size and size % _TIME_UNITS["h"] == 0:
+        unit = "h"
+    else:
+        unit = next((u for u in ("s", "ms", "us") if size >= _TIME_UNITS[u]), "ns")
+    return f"{'-' if offset_ns < 0 else '+'}{format_exact(Fraction(size, _TIME_UNITS[unit]))}{unit}"
+
+
 def parse_offset(text: str) -> int:
     """`+12.5ms`, `-3 s`, `250us` to whole nanoseconds, rounded half up. Raises UsageError."""
     value = _quantity(text, _TIME_UNITS, "an offset", "+12.5ms") * 2
+    if abs(value) >= 1 << 63:
+        raise UsageError(f"an offset of {text} is no clock's: at most 146 years either way")
     return (value.numerator + value.denominator) // (2 * value.denominator)
 
 
 def parse_drift(text: str) -> Fraction:
     """`-20ppm`, `150 ppb`, `0.01%` to an exact ratio. Raises UsageError."""
     return _quantity(text, _DRIFT_UNITS, "a drift", "-20ppm")
-
-
-def parse_assignment(text: str) -> tuple[str, str]:
-    """`imu=+12.5ms` to its two sides. Raises UsageError."""
-    name, equals, value = text.partition("=")
-    if not (name.strip() and equals and value.strip()):
-        raise UsageError(f"{text!r} should be INPUT=VALUE, as in imu=+12.5ms")
-    return name.strip(), value.strip()
 
 
 def _quantity(text: str, units: dict[str, int] | dict[str, Fraction], what: str, example: str) -> Fraction:

@@ -1,0 +1,1 @@
+"""Several recordings and sensor files on one time line."""
