@@ -7,13 +7,14 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
+import cv2
 import numpy as np
 import pytest
 from mcap.writer import Writer
 
 import spheremcap
 from clips import COUNT, START_NS, balls, rows, write_clip, write_recording
-from scenes import CAMERA, truth
+from scenes import CAMERA, ball_at, picture, truth
 from spheremcap import api
 from spheremcap.config import Settings
 from spheremcap.core.circle import Circle
@@ -229,6 +230,34 @@ def test_the_stream_says_what_shape_its_pixels_have(tmp_path: Path, stated: Frac
         container.mux(stream.encode(None))
     with VideoSource(path, packets=False) as source:
         assert source.pixel_aspect == pytest.approx(aspect)
+
+
+@pytest.mark.parametrize(
+    ("stated", "late", "aspect"), [(None, 0, 1.5), (Fraction(1), 3, 1.5), (Fraction(4, 3), 0, 4 / 3)]
+)
+def test_where_the_stream_says_nothing_the_first_seeds_outline_does(
+    tmp_path: Path, stated: Fraction | None, late: int, aspect: float
+) -> None:
+    """What the stream says is not doubted; 1:1 says as little as nothing."""
+    ball = ball_at(160, 120, 40)
+    wide = cv2.resize(picture(ball), (214, 240), interpolation=cv2.INTER_AREA)
+    path, circle = tmp_path / "clip.mp4", truth(ball)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30, options={"crf": "12"})
+        stream.width, stream.height, stream.pix_fmt = 214, 240, "yuv420p"
+        if stated is not None:
+            stream.codec_context.sample_aspect_ratio = stated
+        for k in range(5):
+            image = wide if k >= late else np.full_like(wide, 128)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, "bgr24")))
+        container.mux(stream.encode(None))
+    seeds = [Seed("ball", late, Circle(circle.x_px / 1.5, circle.y_px, circle.r_px / 1.5**0.5))]
+    with VideoSource(path, packets=False) as source:
+        found, by = api.aspect_of(source, seeds)
+        assert found == pytest.approx(aspect, rel=0.03)
+        assert ("outline of ball's seed" in by) == (aspect == 1.5)
+        assert api.aspect_of(source, [])[0] == source.pixel_aspect
+        assert sum(1 for _ in source.frames()) == 5  # none of them is gone
 
 
 def test_a_recording_that_begins_at_time_zero_can_be_tracked_again(tmp_path):

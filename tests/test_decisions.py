@@ -16,6 +16,7 @@ from scenes import (
     PERIOD_NS,
     RADIUS_M,
     Ball,
+    Cover,
     ball_at,
     bgr_frame,
     picture,
@@ -241,6 +242,31 @@ def test_what_a_lost_marker_is_found_as_has_to_be_confirmed_and_a_followed_one_h
     assert {e.reasons for e in back} == {("unconfirmed",)}
     assert asked
     assert all(last == lost for last in asked)
+
+
+@pytest.mark.parametrize(
+    ("cover", "reasons"),
+    [(None, ()), (Cover(100, 60, 165, 180), ("little outline",)), (Cover(100, 60, 220, 180), ("no outline",))],
+)
+def test_a_seed_says_how_little_of_an_outline_there_was(cover, reasons):
+    ball = ball_at(160, 120, 22)
+    image = picture(ball, covers=(cover,) if cover else (), noise_seed=1)
+    chain = MarkerChain(SPEC, CAMERA, ChainConfig())
+    estimate = chain.seed(bgr_frame(image, 0), truth(ball))
+    assert (estimate.status, estimate.reasons) == (Status.SEEDED, reasons)
+
+
+def test_what_is_seeded_on_nothing_is_not_verified_on_nothing():
+    def wall(i):
+        """Soft shadows and noise."""
+        random = np.random.default_rng(i)
+        shadows = 130 + 12 * np.sin(np.arange(320) / 23)[None, :, None] + 9 * np.cos(np.arange(240) / 17)[:, None, None]
+        return np.clip(shadows + random.normal(0, 3, (240, 320, 3)), 0, 255).astype(np.uint8)
+
+    for x, y in ((60, 50), (160, 120), (250, 60), (80, 180)):
+        chain = MarkerChain(SPEC, CAMERA, ChainConfig())
+        assert chain.seed(bgr_frame(wall(0), 0), Circle(x, y, 18.0)).reasons == ("no outline",)
+        assert not any(e.status.measured for e in steps(chain, range(1, 9), wall))
 
 
 # -- bounds before work ----------------------------------------------------------------------------

@@ -22,11 +22,13 @@ from spheremcap.core.frame import BgrImage, EncodedPicture, Frame
 from spheremcap.core.marker import Seed
 from spheremcap.core.presets import PRESETS, assumed_camera
 from spheremcap.core.time import NS_PER_S, format_time
+from spheremcap.detection.aspect import pixel_aspect
 from spheremcap.errors import UsageError
 from spheremcap.io.ahead import ahead, in_order
 from spheremcap.io.camera_file import read_camera_info
 from spheremcap.io.encode import H264Encoder, jpeg_encode
 from spheremcap.io.join import Join, SharedWriter, checked_output, open_output
+from spheremcap.io.mcap_images import McapImageSource
 from spheremcap.io.mcap_log import McapLog, RunInfo
 from spheremcap.io.recording import Recording, open
 from spheremcap.io.sources import CameraView, FromMcap, open_input
@@ -64,6 +66,8 @@ class TrackReport:
         return not self.lost and not self.stopped
 
 
+_AHEAD = 300  # frames of a video that may be decoded twice, to see the first seed before tracking begins
+
 Progress = Callable[[int, int | None], None]
 """Called with frames done and frames expected (None when the container does not say)."""
 
@@ -75,16 +79,17 @@ def resolve_camera(
     folder: Path,
     found: Camera | None = None,
     pixel_aspect: float = 1.0,
+    aspect_by: str = "as the video says",
 ) -> tuple[Camera, bool, str]:
     """The camera for pictures of this size, whether its metres may be given out, and a note for the user.
 
     `found` is the calibration beside the pictures, for when the settings name no camera. A calibration for another
     size of the same shape is scaled. `pixel_aspect` is how much wider than high a pixel is: a calibration for pictures
-    of square pixels is then squeezed to those that are stored, so that a sphere is as it is seen in them. Raises
-    UsageError for an unknown preset or a camera of another shape.
+    of square pixels is then squeezed to those that are stored, so that a sphere is as it is seen in them; `aspect_by`
+    says in the note who says so. Raises UsageError for an unknown preset or a camera of another shape.
     """
     square_px = round(width_px * pixel_aspect)
-    shape = "" if square_px == width_px else f"; pixels are {pixel_aspect:.4g} times as wide as high, as the video says"
+    shape = "" if square_px == width_px else f"; pixels are {pixel_aspect:.4g} times as wide as high, {aspect_by}"
     if settings.preset is not None:
         if settings.preset not in PRESETS:
             raise UsageError(f"unknown camera preset {settings.preset!r}; there are: {', '.join(PRESETS)}")
@@ -126,6 +131,23 @@ def resolve_camera(
         note += f"; scaled from {camera.width_px}x{camera.height_px}"
         camera = camera.scaled(width_px, height_px)
     return camera, True, note
+
+
+def aspect_of(source: VideoSource | McapImageSource, seeds: Sequence[Seed]) -> tuple[float, str]:
+    """How much wider than high a video's pixels are, and who says so: the video, else the outline of its first seed, if
+    that is among the first `_AHEAD` frames and plainly that of an ellipse. Without seeds the video alone is asked."""
+    first = min(seeds, key=lambda seed: seed.frame_index, default=None)
+    if first is None or first.frame_index > _AHEAD or source.pixel_aspect != 1 or not isinstance(source, VideoSource):
+        return source.pixel_aspect, "as the video says"
+    # Its frames can be gone through only once.
+    with VideoSource(source.path, packets=False) as again:
+        for frame in again.frames():
+            if frame.index == first.frame_index:
+                return pixel_aspect(frame, first.circle), (
+                    f"by the outline of {first.marker}'s seed, as the video does not say: "
+                    "if the marker is no sphere, give --camera"
+                )
+    return 1.0, ""
 
 
 def track(
@@ -206,8 +228,9 @@ class _Camera:
         self._first_seed = min(seeds, key=lambda seed: seed.frame_index, default=None)
         beside = None if settings.camera.given else view.calibration
         camera, metric, camera_note = resolve_camera(
-            settings.camera, source.width_px, source.height_px, folder, beside, source.pixel_aspect
-        )
+            settings.camera, source.width_px, source.height_px, folder, beside,
+            *aspect_of(source, [] if settings.camera.given or beside is not None else seeds),
+        )  # fmt: skip
         self._encode, video_note = _picture_maker(settings, view)
         self._notes = [camera_note, video_note, *view.notes]
         self._specs = [m.spec() for m in settings.markers]
@@ -408,6 +431,8 @@ def _log_change(log: McapLog, estimate: MarkerEstimate, before: dict[str, Status
             before[name] = was
         return
     at = f"frame {estimate.frame_index}, {format_time(estimate.stamp_ns)}"
+    if status is Status.SEEDED and estimate.reasons:
+        log.log("WARNING", f"{name} seeded at {at}: {estimate.reasons[0]} there; is it the marker?", estimate.stamp_ns)
     if status is Status.LOST:
         log.log("WARNING", f"{name} lost at {at}", estimate.stamp_ns)
     elif status is Status.OUT_OF_VIEW:

@@ -70,6 +70,7 @@ class ChainConfig(StageConfig):
     policy: PolicyConfig = PolicyConfig()
 
 
+_CLEARLY_SEEDED = 0.5  # share of a seed's outline with an edge below which a person is told
 _CLEAR = 0.6  # share of an outline with an edge from which nothing hides it
 _OUTLINE_ALONE = frozenset(("outline", "seed"))
 """Doubts of a marker that is there but shows little of its outline."""
@@ -130,7 +131,10 @@ class MarkerChain:
         self.whereabouts.accept(frame.stamp_ns, measured, again=True)
         self._learn(frame, patch, measured)
         self.status = Status.SEEDED
-        return replace(self._estimate(frame, None, measured), claim=circle, search=patch.window)
+        estimate = replace(self._estimate(frame, None, measured), claim=circle, search=patch.window)
+        if measured.visible < _CLEARLY_SEEDED:
+            return replace(estimate, reasons=("little outline" if measured.visible else "no outline",))
+        return estimate
 
     def step(self, frame: Frame, taken: Sequence[Circle] = ()) -> MarkerEstimate:
         """Where the marker is on the next frame; not at a circle `taken` by another marker, which would hide it.

@@ -55,7 +55,14 @@ def test_all_that_speaks_against_a_claim_is_named_in_order():
 
 @pytest.mark.parametrize(
     ("lost", "seeded_visible", "least"),
-    [(False, 1.0, 0.3), (True, 1.0, 0.4), (False, 0.4, 0.2), (True, 0.4, 0.2), (True, 0.7, 0.35)],
+    [
+        (False, 1.0, 0.3),
+        (True, 1.0, 0.4),
+        (False, 0.55, 0.275),
+        (True, 0.55, 0.275),
+        (True, 0.7, 0.35),
+        (True, 0.1, 0.25),
+    ],
 )
 def test_outline_asks_for_enough_of_it_but_for_no_more_than_half_of_what_the_seed_showed(lost, seeded_visible, least):
     far = {"claim": HERE.shifted(more(40.0), 0), "seeded_visible": seeded_visible, "lost": lost}
@@ -69,6 +76,11 @@ def test_outline_asks_for_a_quarter_of_a_claim_just_where_it_is_expected():
         assert not passes("outline", visible=less(0.25), **case)
     assert not passes("outline", visible=0.29, claim=HERE.shifted(more(3.0), 0))  # followed, and 0.15 radii aside
     assert not passes("outline", visible=0.29, surprise=more(1.0))
+
+
+def test_where_a_seed_showed_no_outline_a_claim_has_to_show_most_of_one():
+    assert passes("outline", seeded_visible=0.0, visible=more(0.7))
+    assert not passes("outline", seeded_visible=0.0, visible=0.7)
 
 
 def test_outlines_bounds_are_the_configs():

@@ -26,7 +26,8 @@ class MarkerEstimate:
     be searched for, `vote_sum` their sum of overlaps in [0, 6]. `proposer` names the stage whose circle became the
     claim (hough, colour, kcf, prediction, acquire, seed). `visible` is the fraction of the outline with an edge.
     `reasons` are the names of what spoke against the claim (`verification.checks`; "votes", "no outline", "out of
-    view", "not found"); empty when measured. `velocity_cam_mps` is None until two measurements say something of it.
+    view", "not found"); empty when VERIFIED, and of a seed what speaks against it ("no outline", "little outline").
+    `velocity_cam_mps` is None until two measurements say something of it.
     """
 
     marker: str

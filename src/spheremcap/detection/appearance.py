@@ -63,14 +63,14 @@ def ring_colours(bgr, x0, y0, x1, y1, x, y, beyond, within, limits):
 
 class Appearance:
     """The seed's colours. `box` is its colour box, `gain` the marker's brightness over the seed's; `visible` is the
-    share of the outline that the seed showed, `inside` and `around` the seed's own `shares`."""
+    share of the outline that the seed showed, 0 for none, `inside` and `around` the seed's own `shares`."""
 
     def __init__(self, patch: Patch, circle: Circle, visible: float, config: ColourConfig) -> None:
         """Learn from a seed's circle (image pixels). Raises ValueError when none of it is inside the picture."""
         pixels = disc_pixels(patch, circle, config.sample)
         self.box = learn_box(pixels, config)
         self.gain = 1.0
-        self.visible = max(visible, 0.2)
+        self.visible = visible
         self._value = max(1.0, float(np.median(pixels[:, 2])))
         self._any_value = replace(self.box, value=(0.0, 255.0)).limits()
         self.inside, self.around = self.shares(patch, circle)

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from spheremcap.api import resolve_camera
+from spheremcap.api import aspect_of, resolve_camera
 from spheremcap.chain import ChainConfig, MarkerChain
 from spheremcap.config import MarkerSettings, Settings, load_seeds, load_settings
 from spheremcap.core.camera import Camera
@@ -63,10 +63,9 @@ class Trial:
     def camera(self) -> tuple[Camera, bool]:
         """The camera for the video's pictures, and whether its metres count."""
         with VideoSource(self.video, packets=False) as source:
-            width_px, height_px, aspect = source.width_px, source.height_px, source.pixel_aspect
-        camera, metric, _ = resolve_camera(
-            self.settings.camera, width_px, height_px, self.video.parent, pixel_aspect=aspect
-        )
+            aspect = aspect_of(source, [] if self.settings.camera.given else self.seeds)
+            size_px = source.width_px, source.height_px
+        camera, metric, _ = resolve_camera(self.settings.camera, *size_px, self.video.parent, None, *aspect)
         return camera, metric
 
     def frames(self) -> Iterator[Frame]:

@@ -13,6 +13,7 @@ from spheremcap.verification.jury import JuryConfig
 
 _COVERED = 0.8  # share of a claim's disc from which the marker before it hides it
 _LITTLE, _LEAST_IN_PICTURE = 0.6, 0.3  # shares of the outline
+_SEEDED = 0.5  # of a seed that shows less of its outline, claims are asked for as much as if it had shown this
 _CLEAR, _NO_LEAP = 0.7, 0.6  # share of the outline, and `off_expected`, of a claim that is no leap
 _AS_EXPECTED = 0.15  # `off_expected` of a claim that is just where the filter has the marker
 _ON_ITS_WAY = 2.0  # radii from where a lost marker would be, had it moved on evenly
@@ -67,11 +68,13 @@ class Case:
 
 def _outline(case: Case, jury: JuryConfig) -> bool:
     """Enough of the outline shows an edge."""
+    if case.seeded_visible == 0:  # no outline where a person said that the marker is: it has to show itself
+        return case.visible > _CLEAR
     least = jury.lost_visible if case.lost else jury.visible
     on_its_way = case.lost and case.claim.distance(case.expected) < _ON_ITS_WAY * case.expected.r_px
     if on_its_way or case.as_expected:
         least = min(least, jury.near_visible)
-    return case.visible >= min(least, 0.5 * case.seeded_visible)
+    return case.visible >= min(least, 0.5 * max(case.seeded_visible, _SEEDED))
 
 
 def _seed(case: Case, jury: JuryConfig) -> bool:
