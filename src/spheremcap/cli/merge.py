@@ -7,8 +7,9 @@ from typing import Annotated, TypeVar
 
 import typer
 
-from spheremcap.cli.progress import Interrupt, bar, loaded
+from spheremcap.cli.progress import bar, loaded, stopped
 from spheremcap.errors import UsageError
+from spheremcap.interrupt import Interrupt
 
 T = TypeVar("T")
 
@@ -98,6 +99,7 @@ def merge(
         task = shown.add_task("merging", total=None)
         dataset = merge(
             sources, output, overwrite=overwrite, stop=interrupted,
+            inputs=[Path(text.partition("=")[2] or text) for text in mapping or []],
             progress=lambda done, total: shown.update(task, completed=done, total=total),
         )  # fmt: skip
     for note in dataset.notes:
@@ -112,8 +114,7 @@ def merge(
     counts = dataset.merged.counts
     written = f"{sum(counts.values())} messages"
     if dataset.merged.stopped:
-        print(f"spheremcap: stopped after {written}; they are in {output}.part", file=sys.stderr)
-        raise typer.Exit(1)
+        raise stopped(written, dataset.merged.part)
     print(f"{written} on {len(counts)} topics -> {output}")
     if dataset.merged.lost:
         raise typer.Exit(3)

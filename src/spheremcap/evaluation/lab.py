@@ -43,7 +43,7 @@ class Lab:
             if scenario not in names():
                 raise UsageError(f"unknown scenario {scenario!r}; there are: {', '.join(names())}")
             self.tell(f"rendering {scenario}")
-            render(scenario, folder, frames=60 if self.quick else None)
+            render(scenario, folder, frames=60 if self.quick else None, overwrite=True)
         return load_trial(folder)
 
     def trials(self, among: Iterable[str] | None = None) -> list[Trial]:

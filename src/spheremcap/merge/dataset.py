@@ -11,6 +11,7 @@ from spheremcap.errors import UsageError
 from spheremcap.io import recording
 from spheremcap.io.join import McapStream, Merged, Stream, merge_streams
 from spheremcap.io.mcap_records import McapRecords
+from spheremcap.io.output import checked_output
 from spheremcap.io.sources import is_recording
 from spheremcap.merge.clock import Clock
 from spheremcap.merge.samples import SensorStream
@@ -57,6 +58,7 @@ def merge(
     sources: Sequence[Source],
     output: str | os.PathLike[str],
     *,
+    inputs: Sequence[Path] = (),
     overwrite: bool = False,
     config: SyncConfig | None = None,
     progress: Callable[[int, int | None], None] = lambda done, total: None,
@@ -65,10 +67,13 @@ def merge(
     """Merge recordings and sensor files by log time into `output`; inputs stay as they are.
 
     A sensor whose stamps count from zero starts with the first message of the MCAP inputs, and its offset is
-    added to that. `progress` gets messages done and expected. `stop` is asked before each input and while they are
-    written: once it says yes the merge ends, and what there is stays readable in OUT.part; from then on it has to
-    say yes. Raises a SpheremcapError for inputs that cannot be read and clocks that cannot be found.
+    added to that. `inputs` are further files that the output must not be (mappings). `progress` gets messages done and
+    expected. `stop` is asked before each input and while they are written: once it says yes the merge ends, and what
+    there is stays readable in OUT.part; from then on it has to say yes. Raises a SpheremcapError for inputs that cannot
+    be read and clocks that cannot be found.
     """
+    given_files = [*(source.path for source in sources), *inputs]
+    checked_output(output, given_files, overwrite=overwrite)
     notes: list[str] = []
     syncs: dict[str, Sync] = {}
     with ExitStack() as stack:
@@ -100,7 +105,8 @@ def merge(
                     syncs[log.name] = sync
                     notes.append(f"{log.name}: {sync.line()}")
                     streams.append(SensorStream(residual_log(sync, log.name), topic=f"/sync/{log.name}/residual"))
-        merged = merge_streams(streams, output, overwrite=overwrite, progress=progress, stop=stop)
+        merged = merge_streams(streams, output, inputs=given_files, overwrite=overwrite, progress=progress, stop=stop)
+        notes.extend(merged.notes)
         for records in opened:
             if records.unordered:
                 notes.append(f"{records.path}: {records.unordered} messages were out of order; sorted by log time")
