@@ -7,9 +7,11 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
@@ -92,6 +94,12 @@ def test_nothing_is_written_into_an_input_folder(tmp_path):
             checked_output(place, [folder])
     with pytest.raises(UsageError, match="lies in the input folder"):
         checked_output(folder / "new.mcap", [other])
+    kept = tmp_path / "kept.csv"
+    kept.write_text("precious")
+    (folder / "deep" / "linked.csv").symlink_to(kept)
+    with pytest.raises(UsageError, match=r"is an input, .*linked\.csv"):
+        text(kept, inputs=[folder], overwrite=True)
+    (folder / "deep" / "linked.csv").unlink()
     into = tmp_path / "into.mcap"
     into.symlink_to(folder / "new.mcap")
     with pytest.raises(UsageError, match="lies in the input folder"):
@@ -372,7 +380,7 @@ class Disk:
 
 
 @pytest.mark.parametrize("compression", ["zstd", "none"])
-@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), Interrupted("interrupted")])
+@pytest.mark.parametrize("error", [partial(OSError, errno.ENOSPC, "full"), partial(Interrupted, "interrupted")])
 def test_a_disk_that_is_full_at_any_place_keeps_what_it_has_once_and_the_old_file(
     tmp_path, monkeypatch, compression, error
 ):
@@ -383,7 +391,7 @@ def test_a_disk_that_is_full_at_any_place_keeps_what_it_has_once_and_the_old_fil
     part = Path(f"{out}.part")
     kept = []
     for room in (*range(0, size, size // 60), *range(size - 40, size)):
-        monkeypatch.setattr(output, "open", lambda path, *_, **__: Disk(path, room, error), raising=False)  # noqa: B023
+        monkeypatch.setattr(output, "open", lambda path, *_, **__: Disk(path, room, error()), raising=False)  # noqa: B023
         with pytest.raises((OutputError, Interrupted)):
             fill(out, stamps, overwrite=True, compression=compression)
         monkeypatch.undo()
@@ -402,20 +410,52 @@ def test_a_disk_that_is_full_at_any_place_keeps_what_it_has_once_and_the_old_fil
 
 def test_an_error_that_passes_does_not_write_a_chunk_twice(tmp_path, monkeypatch):
     """When the index of a chunk does not fit and then there is room again, for somebody tidied up."""
-    out, failed = tmp_path / "out.mcap", []
+
+    class FailsOnce(Disk):
+        def write(self, data: memoryview) -> int:
+            if self._room and data[:1] == bytes([Opcode.MESSAGE_INDEX]):
+                self._room = 0
+                raise self._error
+            return self._file.write(data)
+
+    out, full = tmp_path / "out.mcap", OSError(errno.ENOSPC, "No space left on device")
+    monkeypatch.setattr(output, "open", lambda path, *_, **__: FailsOnce(path, 1, full), raising=False)
+    refused = 0
+    with pytest.raises(OutputError, match="free some space"), open_output(out) as writer:  # noqa: PT012
+        first = None
+        channel = writer.register_channel("/x", "x", 0)
+        for k in range(40):  # as a thread that writes goes on until it is told
+            try:
+                writer.add_message(channel, START + k * SECOND // 10, noise(k), 0, k)
+            except OutputError as error:
+                first = first or error
+                refused += 1
+        raise first
+    assert sequences(Path(f"{out}.part")) == (list(range(10)), True)
+    assert refused == 30
+
+
+@pytest.mark.parametrize("at", range(4))
+def test_a_signal_while_the_file_is_finished_leaves_it_readable(tmp_path, monkeypatch, at):
+    """After each of the writes that end it: data end, summary, footer, magic."""
+    out, after = tmp_path / "out.mcap", []
     write = output._RecordFile.write
 
-    def fails_once(self, data):
-        if data[:1] == b"\x07" and not failed:
-            failed.append(True)
-            self.torn = True
-            raise OutputError("full")
-        return write(self, data)
+    def interrupted(self, data):
+        count = write(self, data)
+        if after or data[:1] == bytes([Opcode.DATA_END]):
+            after.append(True)
+            if len(after) == at + 1:
+                raise Interrupted("interrupted")
+        return count
 
-    monkeypatch.setattr(output._RecordFile, "write", fails_once)
-    with pytest.raises(OutputError):
-        fill(out, range(START, START + 2 * SECOND, SECOND // 10))
-    assert sequences(Path(f"{out}.part")) == (list(range(10)), True)
+    monkeypatch.setattr(output._RecordFile, "write", interrupted)
+    with pytest.raises(Interrupted):
+        fill(out, range(5))
+    part = Path(f"{out}.part")
+    assert sequences(part) == (list(range(5)), True)
+    with part.open("rb") as file:
+        assert [c.topic for _, c, _ in make_reader(file).iter_messages()] == ["/x"] * 5
 
 
 def test_the_same_messages_give_the_same_bytes(tmp_path):

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -63,7 +64,9 @@ class Lab:
         if workers < 2:
             yield from map(function, items)
             return
-        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        # Ctrl-C is for all processes of a terminal: the workers end by it without a word.
+        quiet = (signal.SIGINT, signal.SIG_DFL)
+        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), signal.signal, quiet) as pool:
             yield from pool.map(function, items)
 
     def clip_trials(self) -> list[Trial]:

@@ -70,15 +70,23 @@ def checked_output(path: str | os.PathLike[str], inputs: Sequence[Path] = (), *,
 def refuse_inputs(path: Path, inputs: Sequence[Path]) -> None:
     """Raises UsageError when the file or folder `path` is one of the inputs or lies in one of them."""
     target = Path(os.path.realpath(path))
-    places = [found for place in (target, *target.parents) if (found := _stat_or_none(place)) is not None]
+    places = [there for place in (target, *target.parents) if (there := _stat_or_none(place)) is not None]
+    found = _stat_or_none(target)
     for given in inputs:
         known = _stat_or_none(given)
         if known is None:
             continue
-        if (found := _stat_or_none(target)) is not None and os.path.samestat(found, known):
+        if found is not None and os.path.samestat(found, known):
             raise UsageError(f"{path} is an input: name another output")
-        if stat.S_ISDIR(known.st_mode) and any(os.path.samestat(place, known) for place in places):
+        if not stat.S_ISDIR(known.st_mode):
+            continue
+        if any(os.path.samestat(place, known) for place in places):
             raise UsageError(f"{path} lies in the input folder {given}: name an output outside of it")
+        if found is None:
+            continue
+        for file in given.rglob("*"):  # a link in there may lead here
+            if (inside := _stat_or_none(file)) is not None and os.path.samestat(found, inside):
+                raise UsageError(f"{path} is an input, {file}: name another output")
 
 
 def make_folder(path: Path) -> None:
@@ -370,32 +378,33 @@ def open_output(
             writer.start(profile, LIBRARY)
             yield writer
             writer.finish()  # type: ignore[no-untyped-call]
-            part.complete, part.keep = writer.complete, bool(writer.counts)
+            part.complete, part.keep = writer.complete, file.has_messages
         except BaseException as error:
-            part.keep = bool(writer.counts) and not isinstance(error, UsageError)
-            if part.keep:
+            if not isinstance(error, UsageError):
+                part.keep = file.has_messages
                 _end(writer, file)
-                if isinstance(error, SpheremcapError | Interrupted):
-                    error.args = (f"{error}; what was written until then is in {part.path}",)
+                part.keep = file.has_messages
+            if part.keep and isinstance(error, SpheremcapError | Interrupted):
+                error.args = (f"{error}; what was written until then is in {part.path}",)
             raise
         finally:
             file.close()
 
 
 def _end(writer: Writer, file: "_RecordFile") -> None:
-    """Make the file readable after something went wrong; without an index when the file took something only in part,
-    for the writer would then write its chunk a second time.
-    """
+    """Make the file readable after something went wrong; without an index when it did not take a write."""
     with suppress(OutputError):
-        if not file.torn:
+        if file.takes_more and not file.data_ended:
             writer.finish()  # type: ignore[no-untyped-call]
-            return
     with suppress(OutputError):
         file.seal()
 
 
 class _RecordFile:
-    """The file that mcap's Writer writes to. Every write is a run of whole records, all of it or none of it."""
+    """The file that mcap's Writer writes to. Every write is a run of whole records, all of it or none of it.
+
+    After one that failed it takes no more: the Writer would write the rest of a chunk, or the chunk once more.
+    """
 
     def __init__(self, part: Part) -> None:
         self._target = part.target
@@ -403,26 +412,28 @@ class _RecordFile:
             self._file: BinaryIO = open(part.path, "wb", buffering=0)  # noqa: SIM115
         except OSError as error:
             raise output_error(error, part.target) from error
-        self._ended = False
-        self.torn = False
+        self._last = b""
+        self.data_ended = self.has_messages = False
+        self.takes_more = True
 
     def write(self, data: bytes) -> int:
+        if not self.takes_more:
+            raise OutputError(f"{self._target}: cannot be written any more")
         start = self._file.tell()
         try:
             left = memoryview(data)
             while left:
                 left = left[self._file.write(left) :]
         except BaseException as error:
-            self.torn = True
+            self.takes_more = False
             self._file.seek(start)
             self._file.truncate()
             if isinstance(error, OSError):
                 raise output_error(error, self._target) from error
             raise
-        if data[:1] == bytes([Opcode.DATA_END]):
-            self._ended = self.torn = True  # until the footer is there
-        elif data == MCAP0_MAGIC:
-            self.torn = False
+        self._last = data[:1] or self._last
+        self.has_messages = self.has_messages or self._last == bytes([Opcode.CHUNK])
+        self.data_ended = self.data_ended or self._last == bytes([Opcode.DATA_END])
         return len(data)
 
     def tell(self) -> int:
@@ -432,11 +443,15 @@ class _RecordFile:
         pass
 
     def seal(self) -> None:
-        """End a file whose writer failed: no index, but every reader takes it."""
+        """Write what is missing at the end of a file whose writer failed: no index, but every reader takes it."""
+        if self.data_ended and self._last == MCAP0_MAGIC[:1]:
+            return
         tail = RecordBuilder()
-        if not self._ended:
+        if not self.data_ended:
             DataEnd(0).write(tail)
-        Footer(0, 0, 0).write(tail)
+        if self._last != bytes([Opcode.FOOTER]):
+            Footer(0, 0, 0).write(tail)
+        self.takes_more = True
         self.write(tail.end() + MCAP0_MAGIC)  # type: ignore[no-untyped-call]
 
     def close(self) -> None:
