@@ -1,11 +1,13 @@
 """What an interrupted run left becomes a whole recording, and what is missing is said."""
 
+import errno
+
 import pytest
 from mcap.reader import make_reader
 from recording_data import CAMERA, MARKERS, result
-from test_output import SECOND, START, fill, sequences
+from test_output import SECOND, START, Disk, fill, sequences
 
-from spheremcap.errors import SourceError, UsageError
+from spheremcap.errors import OutputError, SourceError, UsageError
 from spheremcap.io import output, recording
 from spheremcap.io.mcap_log import McapLog, RunInfo
 from spheremcap.io.recover import recover
@@ -68,6 +70,18 @@ def test_a_part_that_was_ended_in_order_loses_nothing(tmp_path):
     done = recover(tmp_path / "out.mcap.part", out)
     assert done.lost == ()
     assert sequences(out) == (list(range(30)), True)
+
+
+def test_a_run_whose_disk_was_full_says_that_something_is_missing(tmp_path, monkeypatch):
+    out, full = tmp_path / "out.mcap", OSError(errno.ENOSPC, "No space left on device")
+    monkeypatch.setattr(output, "open", lambda path, *_, **__: Disk(path, 3000, full), raising=False)
+    with pytest.raises(OutputError):
+        fill(out, range(START, START + 9 * SECOND, SECOND // 10), compression="none")
+    monkeypatch.undo()
+    done = recover(tmp_path / "out.mcap.part", out)
+    assert len(done.lost) == 1
+    assert "could not write to its end" in done.lost[0]
+    assert sequences(out) == (list(range(10)), True)
 
 
 def cable():
