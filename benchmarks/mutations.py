@@ -618,11 +618,6 @@ FAULTS = (
         "if any(\"no footer\" in loss.what for loss in records.lost):",
         "if False:", (RECOVER,),
     ),
-    Fault(
-        337, "outputs: the last log time is the last message's", "io/output.py",
-        "self.end_ns = log_time if self.end_ns is None else max(log_time, self.end_ns)",
-        "self.end_ns = log_time", (OUTPUT,),
-    ),
 )  # fmt: skip
 
 

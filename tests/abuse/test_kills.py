@@ -1,5 +1,6 @@
 """A short run of benchmarks/abuse/kills.py: whatever ends a run, what it had written is there, once."""
 
+import os
 import random
 import signal
 import sys
@@ -28,6 +29,21 @@ def test_sigterm_and_sighup_end_a_run_as_ctrl_c_does(jobs, tmp_path):
     left = kills.disturbed(jobs, tmp_path, 8, numbers, random.Random(2))
     assert sum(left.values()) == 8
     assert not any(kind in ("part, cut off", "part of a table") for _, kind in left)
+
+
+def test_a_table_is_not_left_half_written(jobs, tmp_path):
+    job = next(job for job in jobs if job.name == "export")
+    part = tmp_path / f"{job.output}.part"
+
+    def disturb(pid, _shared):
+        while not part.exists():
+            assert os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None
+        os.kill(pid, signal.SIGTERM)
+
+    with kills.old_output(job, tmp_path) as words:
+        ending = kills.run(words, disturb=disturb)
+        assert kills.checked(job, tmp_path, ending, killed=False) == "nothing written"
+        assert (ending.code, ending.said) == (1, "spheremcap: interrupted\n")
 
 
 def test_a_full_disk_keeps_what_fitted_and_the_old_output(jobs, tmp_path):

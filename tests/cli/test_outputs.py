@@ -12,6 +12,7 @@ import pytest
 
 import spheremcap
 from clips import COUNT, decoded, rows, seed, write_clip, write_truth
+from spheremcap.cli.progress import loaded
 
 ONE = ("--seed", seed("orange"))
 CAMERA_INFO = (
@@ -26,6 +27,15 @@ def tracked(clip, tmp_path_factory):
     out = tmp_path_factory.mktemp("tracked") / "out.mcap"
     spheremcap.track(clip, out, spheremcap.Settings(), [spheremcap.Seed("orange", 0, spheremcap.Circle(100, 90, 18))])
     return out
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """So that no run has more to say than what it is asked."""
+    import spheremcap.api
+    import spheremcap.evaluation.hough_tuning  # noqa: F401
+
+    loaded()
 
 
 @pytest.fixture

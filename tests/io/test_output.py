@@ -1,6 +1,7 @@
 """An output is a file of its own: never an input, never another run's, there whole or not at all."""
 
 import errno
+import fcntl
 import os
 import socket
 import subprocess
@@ -267,6 +268,24 @@ def test_of_runs_that_start_together_one_writes(tmp_path, left):
     assert len(list(tmp_path.iterdir())) == 1 + left
 
 
+def test_a_run_that_was_quicker_keeps_its_name(tmp_path, monkeypatch):
+    """Between the look whether a name is free and taking it."""
+    out, theirs, rename, others = tmp_path / "out.csv", tmp_path / "out.csv.part", output._rename_to_new, []
+
+    def late(old, new):
+        others.append(theirs.open("wb", buffering=0))
+        fcntl.flock(others[0], fcntl.LOCK_EX | fcntl.LOCK_NB)
+        others[0].write(b"theirs")
+        rename(old, new)
+
+    monkeypatch.setattr(output, "_rename_to_new", late)
+    with pytest.raises(UsageError, match="another run is writing it"):
+        text(out)
+    others[0].close()
+    assert theirs.read_bytes() == b"theirs"
+    assert list(tmp_path.iterdir()) == [theirs]
+
+
 def test_the_lock_holds_until_the_file_has_its_name(tmp_path, monkeypatch):
     """Or a run that starts in between would take the part for one that was left."""
     out, seen = tmp_path / "out.csv", []
@@ -399,8 +418,9 @@ def test_a_disk_that_is_full_at_any_place_keeps_what_it_has_once_and_the_old_fil
         if not part.exists():
             kept.append(0)
             continue
-        found, _ = sequences(part)
+        found, ended = sequences(part)
         assert found == list(range(len(found)))
+        assert not ended or part.read_bytes().endswith(b"\x89MCAP0\r\n")  # and nothing of what did not fit
         assert len(found) % 10 == 0
         kept.append(len(found))
         part.unlink()

@@ -329,14 +329,14 @@ class SharedWriter(Writer):
         return self._channel_ids[key]
 
     def add_message(self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0) -> None:
-        """As in Writer; `counts` goes by topic, `end_ns` is the last log time."""
+        """As in Writer; `counts` goes by topic, `end_ns` is the last message's log time."""
         second = log_time // NS_PER_S
         if second > self._flushed_s:
             self.flush()  # type: ignore[no-untyped-call]
             self._flushed_s = second
         super().add_message(channel_id, log_time, data, publish_time, sequence)
         self.counts[self.topics[channel_id]] += 1
-        self.end_ns = log_time if self.end_ns is None else max(log_time, self.end_ns)
+        self.end_ns = log_time
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """Store a record; one that is there already is left out, one whose name is taken gets a number."""
