@@ -297,7 +297,7 @@ def full_disks(jobs: list[Job], folder: Path, places: int) -> tuple[str, Left]:
 
 def _limit(size: int | None) -> None:
     if size is not None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
 
 
 def table(title: str, left: Left) -> str:

@@ -12,6 +12,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "abuse"))
 
 import kills
 
+from spheremcap.io import export
+
 
 @pytest.fixture(scope="module")
 def jobs(tmp_path_factory):
@@ -33,15 +35,18 @@ def test_sigterm_and_sighup_end_a_run_as_ctrl_c_does(jobs, tmp_path):
 
 def test_a_table_is_not_left_half_written(jobs, tmp_path):
     job = next(job for job in jobs if job.name == "export")
-    part = tmp_path / f"{job.output}.part"
 
-    def disturb(pid, _shared):
-        while not part.exists():
-            assert os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None
-        os.kill(pid, signal.SIGTERM)
+    def before():  # in the run's own process: a signal once the first rows are written
+        write = export._write_csv
+
+        def signalled(rest):
+            os.kill(os.getpid(), signal.SIGTERM)
+            yield from rest
+
+        export._write_csv = lambda path, first, rest: write(path, first, signalled(rest))
 
     with kills.old_output(job, tmp_path) as words:
-        ending = kills.run(words, disturb=disturb)
+        ending = kills.run(words, before)
         assert kills.checked(job, tmp_path, ending, killed=False) == "nothing written"
         assert (ending.code, ending.said) == (1, "spheremcap: interrupted\n")
 

@@ -234,7 +234,7 @@ def test_a_second_run_is_refused_and_the_first_is_not_disturbed(tmp_path):
 
 
 RACE = """
-import sys, time
+import sys
 from spheremcap.errors import UsageError
 from spheremcap.io.output import whole_file
 print("ready", flush=True)
@@ -242,7 +242,8 @@ sys.stdin.readline()
 try:
     with whole_file(sys.argv[1], overwrite=True) as part:
         part.path.write_text(sys.argv[2])
-        time.sleep(0.7)
+        print("writing", flush=True)
+        sys.stdin.readline()
 except UsageError:
     sys.exit(2)
 """
@@ -260,8 +261,10 @@ def test_of_runs_that_start_together_one_writes(tmp_path, left):
     for run in runs:
         run.stdin.write("go\n")
         run.stdin.flush()
+    said = [run.stdout.readline() for run in runs]  # nothing: it has ended
+    assert sorted(said) == ["", "", "", "", "", "writing\n"]
     for run in runs:
-        run.communicate(timeout=60)
+        run.communicate("end\n", timeout=60)
     codes = [run.returncode for run in runs]
     assert sorted(codes) == [0, 2, 2, 2, 2, 2]
     assert out.read_text() == str(codes.index(0))
