@@ -10,7 +10,7 @@ what fails then is left out. Ends with 1 when a fault's text is not found any mo
 Faults up to 34 have the numbers of a reader's review of an early version, which 20 of its 35 faults escaped: these are
 they, in their present form. From 101 on they are of chain, status, checks, session, optics, whereabouts, verifier and
 follower, from 181 on of what edges, outline and filter make of what they know beforehand, from 211 on of shading,
-softness, exposure and returns, from 301 on of merge.
+softness, exposure and returns, from 301 on of merge, from 401 on of output files and of how runs end.
 """
 
 import argparse
@@ -49,6 +49,9 @@ STATUS, VERIFIER = "tests/core/test_status.py", "tests/verification/test_verifie
 FOLLOWER, WHEREABOUTS = "tests/tracking/test_follower.py", "tests/positioning/test_whereabouts.py"
 EDGE, COLOUR = "tests/detection/test_edge.py", "tests/detection/test_colour.py"
 SHADING, REACQUIRED = "tests/detection/test_shading.py", "tests/verification/test_reacquired.py"
+OUTPUT, OUTPUTS = "tests/io/test_output.py", "tests/cli/test_outputs.py"
+INTERRUPT, RECOVER = "tests/test_interrupt.py", "tests/io/test_recover.py"
+KILLS = "tests/abuse/test_kills.py"
 SPHERE, KALMAN = "tests/positioning/test_sphere.py", "tests/positioning/test_kalman.py"
 
 PLACEMENT = "tests/merging/test_placement.py"
@@ -622,6 +625,186 @@ FAULTS = (
         345, "clock: an offset of ages", "merging/clock.py", "if abs(value) >= 1 << 63:", "if False:",
         ("tests/merging/test_clock.py",),
     ),
+    # -- output files, and how runs end
+    Fault(
+        401, "outputs: an input is known by its name", "io/output.py",
+        "if found is not None and os.path.samestat(found, known):",
+        "if target == given:", (OUTPUT,),
+    ),
+    Fault(
+        402, "outputs: an input folder is known by its name", "io/output.py",
+        "if any(os.path.samestat(place, known) for place in places):",
+        "if given in target.parents:", (OUTPUT,),
+    ),
+    Fault(
+        403, "outputs: links in an input folder are not followed", "io/output.py",
+        "for file in given.rglob(\"*\"):  # a link",
+        "for file in ():  # a link", (OUTPUT,),
+    ),
+    Fault(
+        404, "outputs: the link is written, not what it points to", "io/output.py",
+        "target = Path(os.path.realpath(path))\n        found",
+        "target = path.absolute()\n        found", (OUTPUT,),
+    ),
+    Fault(
+        405, "outputs: a device is replaced", "io/output.py",
+        "if found is not None and not stat.S_ISREG(found.st_mode):",
+        "if False:", (OUTPUT,),
+    ),
+    Fault(
+        406, "outputs: no lock", "io/output.py",
+        "fcntl.flock(lock, fcntl.LOCK_EX)",
+        "pass", (OUTPUT,),
+    ),
+    Fault(
+        407, "outputs: the lock is let go before the file has its name", "io/output.py",
+        "            part.keep = True\n            _publish(",
+        "            part.keep = True\n            fcntl.flock(lock, 8)\n            _publish(", (OUTPUT,),
+    ),
+    Fault(
+        408, "outputs: of runs that start together one takes the other's name", "io/output.py",
+        "_rename_to_new(hidden, place)", "os.rename(hidden, place)", (OUTPUT,),
+    ),
+    Fault(
+        409, "outputs: only the first part is looked at for its lock", "io/output.py",
+        "(\\.\\d+)?\\.part\"",
+        "\\.part\"", (OUTPUT,),
+    ),
+    Fault(
+        410, "outputs: a part that was left is written over", "io/output.py",
+        "                _refuse_in_use(place, target)\n                number += 1\n                continue",
+        "                _refuse_in_use(place, target)\n                place.unlink()", (OUTPUT,),
+    ),
+    Fault(
+        411, "outputs: a part that was left is not named", "io/output.py",
+        "    return tuple(notes)",
+        "    return ()", (OUTPUT,),
+    ),
+    Fault(
+        412, "outputs: what appears meanwhile is replaced", "io/output.py",
+        "        if overwrite:\n            part.path.replace",
+        "        if True:\n            part.path.replace", (OUTPUT,),
+    ),
+    Fault(
+        413, "outputs: ... also where files have one name only", "io/output.py",
+        "        if os.path.lexists(new):\n            raise FileExistsError",
+        "        if False:\n            raise FileExistsError", (OUTPUT,),
+    ),
+    Fault(
+        414, "outputs: the file gets its name although something was raised", "io/output.py",
+        "        part.complete = False\n        raise\n    else:",
+        "        _publish(part, overwrite)\n        raise\n    else:", (OUTPUT,),
+    ),
+    Fault(
+        415, "outputs: a part without messages stays", "io/output.py",
+        "        if not part.keep:\n            with",
+        "        if False:\n            with", (OUTPUT,),
+    ),
+    Fault(
+        416, "outputs: a usage error leaves a part", "io/output.py",
+        "if not isinstance(error, UsageError):",
+        "if True:", (OUTPUT,),
+    ),
+    Fault(
+        417, "outputs: an error does not say where the rest is", "io/output.py",
+        "if part.keep and isinstance(error, SpheremcapError | Interrupted):",
+        "if False:", (OUTPUT,),
+    ),
+    Fault(
+        418, "outputs: no chunk ends at a full second", "io/output.py",
+        "            self.flush()  # type: ignore[no-untyped-call]\n",
+        "", (OUTPUT,),
+    ),
+    Fault(
+        419, "outputs: a chunk ends with each step back", "io/output.py",
+        "if second > self._flushed_s:",
+        "if second != self._flushed_s:", (OUTPUT,),
+    ),
+    Fault(
+        420, "outputs: a write that failed leaves its first bytes", "io/output.py",
+        "            self._file.truncate()\n",
+        "", (OUTPUT,),
+    ),
+    Fault(
+        421, "outputs: after a write that failed others go on", "io/output.py",
+        "            self.takes_more = False\n            self._file",
+        "            self._file", (OUTPUT,),
+    ),
+    Fault(
+        422, "outputs: the end of the data is written twice", "io/output.py",
+        "if file.takes_more and not file.data_ended:",
+        "if file.takes_more:", (OUTPUT,),
+    ),
+    Fault(
+        423, "outputs: a file that is full is not sealed", "io/output.py",
+        "    with suppress(OutputError):\n        file.seal()",
+        "    pass", (OUTPUT,),
+    ),
+    Fault(
+        424, "outputs: a signal during the seal takes the part away", "io/output.py",
+        "                part.keep = file.has_messages\n                _end",
+        "                _end", (OUTPUT,),
+    ),
+    Fault(
+        425, "outputs: SIGHUP is forgotten", "interrupt.py",
+        "(\"SIGINT\", \"SIGTERM\", \"SIGHUP\")",
+        "(\"SIGINT\", \"SIGTERM\")", (INTERRUPT,),
+    ),
+    Fault(
+        426, "outputs: nohup does not help", "interrupt.py",
+        "if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:",
+        "if True:", (INTERRUPT,),
+    ),
+    Fault(
+        427, "outputs: an import may swallow Ctrl-C", "__main__.py",
+        "    leave_at_once()\n",
+        "", (OUTPUTS,),
+    ),
+    Fault(
+        428, "outputs: a table is left half written when a signal comes", "cli/export.py",
+        "    loaded()\n",
+        "", (KILLS,),
+    ),
+    Fault(
+        429, "outputs: settings and seeds are no inputs", "cli/track.py",
+        "inputs=[path for path in (settings, seeds) if path is not None],",
+        "inputs=[],", (OUTPUTS,),
+    ),
+    Fault(
+        430, "outputs: a calibration is no input", "api.py",
+        "[folder / settings.camera.file] if settings.camera.file is not None else []",
+        "[]", (OUTPUTS,),
+    ),
+    Fault(
+        431, "outputs: a mapping is no input", "cli/merge.py",
+        "inputs=[Path(text.partition(\"=\")[2] or text) for text in mapping or []],",
+        "inputs=[],", (OUTPUTS,),
+    ),
+    Fault(
+        432, "outputs: merge checks only recordings", "merge/dataset.py",
+        "given_files = [*(source.path for source in sources), *inputs]",
+        "given_files = [*inputs]", (OUTPUTS,),
+    ),
+    Fault(
+        433, "outputs: truth is no input", "evaluation/hough_tuning.py",
+        "inputs = [path for path in (video, truth, settings) if path is not None]",
+        "inputs = [video]", (OUTPUTS,),
+    ),
+    Fault(
+        434, "outputs: synth replaces its tables", "synth/session.py",
+        "files.enter_context(whole_file(path, overwrite=overwrite))",
+        "files.enter_context(whole_file(path, overwrite=overwrite or path is not video))", (OUTPUTS,),
+    ),
+    Fault(
+        435, "outputs: recover reads what is being written", "io/recover.py",
+        "    if in_use(path):",
+        "    if False:", (RECOVER,),
+    ),
+    Fault(
+        436, "outputs: recover does not say that the run was cut off", "io/recover.py",
+        "if any(\"no footer\" in loss.what for loss in records.lost):",
+        "if False:", (RECOVER,),
+    ),
 )  # fmt: skip
 
 
@@ -632,7 +815,7 @@ class Copy:
         self.folder = Path(tempfile.gettempdir()) / f"spheremcap-mutations-{os.getuid()}"
         tree = self.folder / "tree"
         shutil.rmtree(tree, ignore_errors=True)
-        for name in ("src", "tests"):
+        for name in ("src", "tests", "benchmarks"):
             shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
         shutil.copy2(ROOT / "pyproject.toml", tree)
         self.tree = tree

@@ -20,6 +20,7 @@ from spheremcap.config import Settings
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Seed
 from spheremcap.core.presets import PRESETS
+from spheremcap.errors import SourceError
 from spheremcap.io.encode import write_video
 from spheremcap.io.mcap_images import McapImageSource
 from spheremcap.io.mcap_log import McapLog
@@ -133,10 +134,10 @@ def test_stopping_while_the_rest_is_copied_is_stopping_too(tmp_path: Path) -> No
 def test_an_error_in_the_middle_leaves_no_output_and_a_readable_part(clip: Path, tmp_path: Path) -> None:
     def broken(done: int, total: int | None) -> None:
         if done == 8:
-            raise api.UsageError("the cable is out")
+            raise SourceError("the cable is out")
 
     at_once = SETTINGS.model_copy(update={"session": SessionConfig(smoother_lag_frames=1)})
-    with pytest.raises(api.UsageError, match="the cable is out"):
+    with pytest.raises(SourceError, match=r"the cable is out; what was written until then is in .*out\.mcap\.part"):
         spheremcap.track(clip, tmp_path / "out.mcap", at_once, seeds(), progress=broken)
     assert not (tmp_path / "out.mcap").exists()
     assert 4 <= len(spheremcap.open(tmp_path / "out.mcap.part").tracks["orange"]) <= 8

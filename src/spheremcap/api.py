@@ -27,9 +27,10 @@ from spheremcap.errors import UsageError
 from spheremcap.io.ahead import ahead, in_order
 from spheremcap.io.camera_file import read_camera_info
 from spheremcap.io.encode import H264Encoder, jpeg_encode
-from spheremcap.io.join import Join, SharedWriter, checked_output, open_output
+from spheremcap.io.join import Join
 from spheremcap.io.mcap_images import McapImageSource
 from spheremcap.io.mcap_log import McapLog, RunInfo
+from spheremcap.io.output import SharedWriter, checked_output, open_output
 from spheremcap.io.recording import Recording, open
 from spheremcap.io.sources import CameraView, FromMcap, open_input
 from spheremcap.io.video import VideoSource
@@ -50,7 +51,10 @@ __all__ = [
 
 @dataclass
 class TrackReport:
-    """What `track` did: frames read, statuses per marker, what was lost, and what the user should know."""
+    """What `track` did: frames read, statuses per marker, what was lost, and what the user should know.
+
+    One that was `stopped` left what it had written in `part` (None: it had written nothing).
+    """
 
     output: Path
     frames: int = 0
@@ -59,6 +63,7 @@ class TrackReport:
     lost: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     stopped: bool = False
+    part: Path | None = None
 
     @property
     def complete(self) -> bool:
@@ -157,6 +162,7 @@ def track(
     seeds: Sequence[Seed],
     *,
     folder: Path = Path(),
+    inputs: Sequence[Path] = (),
     overwrite: bool = False,
     start_time_ns: int | None = None,
     mcap: FromMcap | None = None,
@@ -167,11 +173,13 @@ def track(
 
     Markers that only the seeds name get the default diameter. With several image topics, each is a camera of its
     own, and a seed's marker is named after the camera's topic: `front/left_wrist` is on /front/image. `folder` is
-    where relative paths in the settings start; `start_time_ns` is for videos, `mcap` for recordings. `stop` is
-    asked before every frame and ends the recording there, readable under OUT.part. Raises SpheremcapError.
+    where relative paths in the settings start, `inputs` the files that settings and seeds came from: the output must be
+    none of them. `start_time_ns` is for videos, `mcap` for recordings. `stop` is asked before every frame and ends the
+    recording there, readable under OUT.part. Raises SpheremcapError.
     """
     path, out = Path(source_path), Path(output)
-    checked_output(out, [path], overwrite=overwrite)
+    given_files = [path, *inputs] + ([folder / settings.camera.file] if settings.camera.file is not None else [])
+    checked_output(out, given_files, overwrite=overwrite)
     packets = settings.output.video in ("auto", "passthrough")
     with open_input(path, mcap, start_time_ns=start_time_ns, packets=packets) as given:
         report = TrackReport(out)
@@ -189,7 +197,7 @@ def track(
             return not report.stopped
 
         with (
-            open_output(out, [path], overwrite=overwrite, compression=settings.output.compression) as writer,
+            open_output(out, given_files, overwrite=overwrite, compression=settings.output.compression) as writer,
             ExitStack() as logs,
         ):
             copy = Join(writer, given.streams, lambda written: not stop())
@@ -208,6 +216,8 @@ def track(
                 copy.rest()
                 report.stopped = copy.stopped
             writer.complete = not report.stopped
+            report.part = writer.part if report.stopped and writer.counts else None
+            report.notes += writer.notes
         report.lost = given.lost() + report.lost
     return report
 

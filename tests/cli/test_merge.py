@@ -11,7 +11,7 @@ from test_sync import session
 
 import spheremcap
 from clips import START_NS, decoded, rows
-from spheremcap.io.join import SharedWriter
+from spheremcap.io.output import SharedWriter
 
 
 @pytest.fixture(scope="module")

@@ -44,6 +44,7 @@ def test_verbs_that_only_print_do_not_import_the_method(recorded, tmp_path):
     for arguments in (
         ("info", recorded),
         ("export", recorded, "-o", tmp_path / "tracks.csv"),
+        ("recover", recorded, "-o", tmp_path / "whole.mcap"),
         ("config", "presets"),
     ):
         assert not imported(*arguments) & METHOD, arguments

@@ -5,7 +5,7 @@ import pytest
 from clips import COUNT, seed, write_truth
 from spheremcap.config import load_settings
 
-VERBS = ("track", "merge", "sync", "info", "export", "evaluate", "experiment", "synth", "tune", "config")
+VERBS = ("track", "merge", "sync", "info", "export", "recover", "evaluate", "experiment", "synth", "tune", "config")
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,9 @@ import pytest
 from mcap.reader import NonSeekingReader
 from mcap.writer import Writer
 
-from spheremcap.io.join import Join, McapStream, open_output
+from spheremcap.io.join import Join, McapStream
 from spheremcap.io.mcap_records import McapRecords
+from spheremcap.io.output import open_output
 from spheremcap.io.video import _Clock
 
 

@@ -20,9 +20,10 @@ from spheremcap.core.estimate import FrameResult, MarkerEstimate, Status
 from spheremcap.core.frame import EncodedPicture
 from spheremcap.core.marker import MarkerSpec
 from spheremcap.errors import UsageError
-from spheremcap.io.join import Join, McapStream, Merged, merge_streams, open_output
+from spheremcap.io.join import Join, McapStream, Merged, merge_streams
 from spheremcap.io.mcap_log import McapLog, RunInfo
 from spheremcap.io.mcap_records import McapRecords
+from spheremcap.io.output import open_output
 from spheremcap.merging.clock import Clock, parse_drift
 
 Row = tuple[str, int, int, int, bytes]
@@ -137,12 +138,11 @@ def test_a_clock_moves_log_times_and_keeps_publish_times(tmp_path: Path) -> None
     assert metadata[0].metadata["drift_ppm"] == "-20"
 
 
-def test_a_stamp_before_1970_is_refused_and_the_part_file_is_readable(tmp_path: Path) -> None:
+def test_a_stamp_before_1970_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
     path = write(tmp_path / "a.mcap", rows("/x", [10, 20]))
     with McapRecords(path) as records, pytest.raises(UsageError, match="before 1970"):
         merge_streams([McapStream(records, clock=Clock(-15))], tmp_path / "out.mcap")
-    assert not (tmp_path / "out.mcap").exists()
-    assert rows_of(tmp_path / "out.mcap.part") == []
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_merge_tells_how_far_it_is_and_can_be_stopped(tmp_path: Path) -> None:
@@ -164,12 +164,17 @@ def test_a_merge_tells_how_far_it_is_and_can_be_stopped(tmp_path: Path) -> None:
     part = tmp_path / "out.mcap.part"
     assert len(rows_of(part)) == sum(merged.counts.values()) == 2048
     assert make_reader(part.open("rb")).get_summary() is not None
-    assert stopped_merge(0).stopped
-    assert rows_of(part) == []
-    assert not stopped_merge(10_000, topics={"/x"}).stopped
+    assert merged.part == part
+    kept = part.read_bytes()
+    nothing = stopped_merge(0)
+    assert (nothing.stopped, nothing.part) == (True, None)
+    whole = stopped_merge(10_000, topics={"/x"})
+    assert not whole.stopped
     assert told[-1] == (4096, 5000)
     assert len(rows_of(out)) == 5000
-    assert not part.exists()
+    assert sorted(tmp_path.iterdir()) == [path, out, part]
+    assert part.read_bytes() == kept
+    assert f"spheremcap recover {part}" in whole.notes[0]
 
 
 def test_a_copy_that_is_stopped_stays_so(tmp_path: Path) -> None:
@@ -284,6 +289,7 @@ def test_two_recordings_of_ours_and_a_third_keep_every_count(tmp_path: Path) -> 
 MEASURE = """
 import resource, sys
 from spheremcap.io.mcap_records import McapRecords
+from spheremcap.io.output import open_output
 from spheremcap.io.join import McapStream, merge_streams
 base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 merge_streams([McapStream(McapRecords(p)) for p in sys.argv[2:]], sys.argv[1])

@@ -21,7 +21,8 @@ from spheremcap.core.estimate import FrameResult, MarkerEstimate, Status
 from spheremcap.core.frame import EncodedPicture
 from spheremcap.errors import OutputError, UsageError
 from spheremcap.io import messages
-from spheremcap.io.mcap_log import LIBRARY, TRAIL_NS, McapLog, RunInfo
+from spheremcap.io.mcap_log import TRAIL_NS, McapLog, RunInfo
+from spheremcap.io.output import LIBRARY
 from spheremcap.io.topics import Topics
 
 RUN = RunInfo(

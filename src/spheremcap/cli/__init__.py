@@ -8,8 +8,9 @@ import sys
 import typer
 
 from spheremcap import __version__
-from spheremcap.cli import config, evaluate, experiment, export, info, merge, sync, synth, track, tune
+from spheremcap.cli import config, evaluate, experiment, export, info, merge, recover, sync, synth, track, tune
 from spheremcap.errors import SpheremcapError, UsageError
+from spheremcap.interrupt import Interrupted
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -42,7 +43,7 @@ def _root(
 
 
 for verb in (
-    track.track, merge.merge, sync.sync, info.info, export.export,
+    track.track, merge.merge, recover.recover, sync.sync, info.info, export.export,
     evaluate.evaluate, experiment.experiment, synth.synth,
 ):  # fmt: skip
     app.command(help=_paragraphs(verb.__doc__ or ""))(verb)
@@ -59,6 +60,9 @@ def main() -> None:
         sys.exit(2)
     except SpheremcapError as error:
         print(f"spheremcap: {error}", file=sys.stderr)
+        sys.exit(1)
+    except (Interrupted, KeyboardInterrupt) as error:
+        print(f"spheremcap: {str(error) or 'interrupted'}", file=sys.stderr)
         sys.exit(1)
     except BrokenPipeError:
         sys.exit(1)

@@ -30,6 +30,7 @@ def experiment(
     """Run an experiment on rendered sessions (made when missing), print its tables, keep them and its plots."""
     from spheremcap.evaluation.experiments import EXPERIMENTS, describe, run_experiment, run_report
     from spheremcap.evaluation.lab import Lab
+    from spheremcap.io.output import refuse_inputs
 
     loaded()
     if name == "list":
@@ -39,6 +40,7 @@ def experiment(
     for folder in (sessions, clips):
         if folder is not None and not folder.is_dir():
             raise UsageError(f"{folder}: no such folder")
+    refuse_inputs(output, [clips] if clips is not None else [])
     lab = Lab(output, sessions, clips, quick, tuple(only or ()))
     if name == "report":
         print(f"-> {run_report(lab, again=again)}")

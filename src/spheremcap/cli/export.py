@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from spheremcap.cli.progress import loaded
+
 
 def export(
     recording: Annotated[Path, typer.Argument(help="An MCAP that `track` wrote.")],
@@ -15,7 +17,10 @@ def export(
     """Write every marker's track as CSV or Parquet: a row per frame and marker, empty where there is no value."""
     from spheremcap.io.export import export_tracks
 
+    loaded()
     done = export_tracks(recording, output, overwrite)
+    for note in done.notes:
+        print(f"spheremcap: {note}", file=sys.stderr)
     print(f"{done.rows} rows -> {output}")
     if done.damage is not None:
         print(f"spheremcap: {done.damage}", file=sys.stderr)

@@ -7,8 +7,9 @@ from typing import Annotated, TypeVar
 
 import typer
 
-from spheremcap.cli.progress import Interrupt, bar, loaded
+from spheremcap.cli.progress import bar, loaded, stopped
 from spheremcap.errors import UsageError
+from spheremcap.interrupt import Interrupt
 
 T = TypeVar("T")
 
@@ -103,6 +104,7 @@ def merge(
         try:
             dataset = merge(
                 sources, output, overwrite=overwrite, force=force, say=_say, stop=interrupted,
+                inputs=[Path(text.partition("=")[2] or text) for text in mapping or []],
                 progress=lambda done, total: shown.update(task, completed=done, total=total),
             )  # fmt: skip
         except UnreadTableError as error:
@@ -119,8 +121,7 @@ def merge(
     counts = dataset.merged.counts
     written = f"{sum(counts.values())} messages"
     if dataset.merged.stopped:
-        print(f"spheremcap: stopped after {written}; they are in {output}.part", file=sys.stderr)
-        raise typer.Exit(1)
+        raise stopped(written, dataset.merged.part)
     print(f"{written} on {len(counts)} topics -> {output}")
     if dataset.lost:
         raise typer.Exit(3)

@@ -1,18 +1,22 @@
-"""What long verbs share: how they start, a progress bar, and Ctrl-C that lets them finish the file."""
+"""What long verbs share: how they start, a progress bar, and what is said of one that was stopped."""
 
-import signal
 import sys
-from types import FrameType, TracebackType
-from typing import TYPE_CHECKING, Self
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from spheremcap.interrupt import unwind
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
 
 def loaded() -> None:
-    """To be called once a verb has imported what it works with: OpenCV in one thread, and the last line about
-    compiled loops said, if any had to be compiled.
+    """To be called once a verb has imported what it works with: OpenCV in one thread, the last line about compiled
+    loops said, if any had to be compiled, and Ctrl-C ends what is open from now on.
     """
+    unwind()
     if "cv2" in sys.modules:
         import cv2
 
@@ -35,23 +39,8 @@ def bar(unit: str = "frames") -> "Progress":
     )  # fmt: skip
 
 
-class Interrupt:
-    """While it is open, the first Ctrl-C is only noted: call it to ask. The second ends the process as usual."""
-
-    def __enter__(self) -> Self:
-        self._seen = False
-        self._before = signal.signal(signal.SIGINT, self._note)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        signal.signal(signal.SIGINT, self._before)
-
-    def __call__(self) -> bool:
-        return self._seen
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        if self._seen:
-            raise KeyboardInterrupt
-        self._seen = True
+def stopped(after: str, part: Path | None) -> typer.Exit:
+    """Say where the work of a run is that was stopped, and give its exit code."""
+    kept = f"they are in {part}" if part is not None else "nothing was written"
+    print(f"spheremcap: stopped after {after}; {kept}", file=sys.stderr)
+    return typer.Exit(1)

@@ -1,12 +1,13 @@
 """spheremcap synth: render a session with exact truth."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from spheremcap.cli.progress import bar, loaded
-from spheremcap.errors import OutputError, UsageError
+from spheremcap.errors import UsageError
 
 
 def synth(
@@ -28,15 +29,12 @@ def synth(
         raise UsageError(f"unknown scenario {scenario!r}; there are: {', '.join(names())}")
     if output is None:
         raise UsageError("give the folder to write with -o")
-    if (output / "session.mp4").exists() and not overwrite:
-        raise UsageError(f"{output / 'session.mp4'} exists already: name another folder or pass --overwrite")
-    try:
-        with bar() as progress:
-            task = progress.add_task("rendering", total=frames)
-            session = render(
-                scenario, output, seed=seed, frames=frames,
-                progress=lambda done, total: progress.update(task, completed=done, total=total),
-            )  # fmt: skip
-    except OSError as error:
-        raise OutputError(f"{output}: cannot be written: {error.strerror or error}") from error
+    with bar() as progress:
+        task = progress.add_task("rendering", total=frames)
+        session = render(
+            scenario, output, seed=seed, frames=frames, overwrite=overwrite,
+            progress=lambda done, total: progress.update(task, completed=done, total=total),
+        )  # fmt: skip
+    for note in session.notes:
+        print(f"spheremcap: {note}", file=sys.stderr)
     print(f"{session.frames} frames -> {session.video}, truth in {session.truth}")

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from spheremcap.cli.progress import Interrupt, bar, loaded
+from spheremcap.cli.progress import bar, loaded, stopped
 from spheremcap.core.time import parse_time_ns
 from spheremcap.errors import UsageError
+from spheremcap.interrupt import Interrupt
 
 if TYPE_CHECKING:
     from spheremcap.core.marker import Seed
@@ -118,6 +119,7 @@ def track(
         report = api.track(
             source, output, chosen, given,
             folder=settings.parent if settings is not None else Path(),
+            inputs=[path for path in (settings, seeds) if path is not None],
             overwrite=overwrite, start_time_ns=_time_ns("--start-time", start_time),
             mcap=mcap,
             progress=lambda done, total: shown.update(task, completed=done, total=total),
@@ -135,8 +137,7 @@ def track(
     for line in report.lost:
         print(f"spheremcap: {line}", file=sys.stderr)
     if report.stopped:
-        print(f"spheremcap: stopped after {report.frames} frames; they are in {output}.part", file=sys.stderr)
-        raise typer.Exit(1)
+        raise stopped(f"{report.frames} frames", report.part)
     print(f"{report.frames} frames -> {output}")
     if not report.complete:
         raise typer.Exit(3)

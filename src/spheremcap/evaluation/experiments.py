@@ -13,6 +13,7 @@ from spheremcap.evaluation.positions import positions
 from spheremcap.evaluation.report import write_report
 from spheremcap.evaluation.result import Result, load, save
 from spheremcap.evaluation.signals import kalman, scale, votes
+from spheremcap.io.output import make_folder
 
 EXPERIMENTS: Mapping[str, Callable[[Lab], Result]] = {
     "accuracy": accuracy,
@@ -40,7 +41,7 @@ def run_experiment(name: str, lab: Lab) -> Result:
     """
     if name not in EXPERIMENTS:
         raise UsageError(f"unknown experiment {name!r}; there are: {', '.join(EXPERIMENTS)}, report")
-    lab.folder.mkdir(parents=True, exist_ok=True)
+    make_folder(lab.folder)
     result = EXPERIMENTS[name](lab)
     save(result, lab.folder)
     return result

@@ -16,12 +16,13 @@ from spheremcap.config import Settings, load_settings
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import Frame, Patch, Window
 from spheremcap.detection.hough import HoughConfig, hough_circles
-from spheremcap.errors import OutputError, UsageError
+from spheremcap.errors import UsageError
 from spheremcap.evaluation.lab import Lab
 from spheremcap.evaluation.metrics import TruthRow
 from spheremcap.evaluation.protocol import Trial
 from spheremcap.evaluation.result import Plot, Result, Table
 from spheremcap.evaluation.tracks import read_truth
+from spheremcap.io.output import checked_output, whole_file
 from spheremcap.io.video import VideoSource
 
 THESIS = {"dp": 4.0, "min_dist_px": 1.0, "param1": 77.0, "param2": 1.0}
@@ -163,8 +164,8 @@ def tune_hough(
     """Tune on a video and its truth CSV, and write settings that can be used: those of `settings`, else an
     empty file's, with the best [chain.hough]. Raises SpheremcapError.
     """
-    if output.exists() and not overwrite:
-        raise UsageError(f"{output} exists already: name another file or pass --overwrite")
+    inputs = [path for path in (video, truth, settings) if path is not None]
+    checked_output(output, inputs, overwrite=overwrite)
     given = load_settings(settings) if settings is not None else None
     rows = read_truth(truth)
     with VideoSource(video, packets=False) as source:
@@ -180,10 +181,8 @@ def tune_hough(
         f"# Hough parameters tuned on {tuned.samples} patches of {video.name}: mean error\n"
         f"# {tuned.error:.5f} (eq 2.19), {tuned.thesis_error:.5f} with the thesis' (4, 1, 77, 1).\n"
     )
-    try:
-        output.write_text(note + text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{output}: cannot be written: {error.strerror or error}") from error
+    with whole_file(output, inputs, overwrite=overwrite) as part:
+        part.path.write_text(note + text, encoding="utf-8")
     return tuned
 
 

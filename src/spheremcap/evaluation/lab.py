@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -43,7 +44,7 @@ class Lab:
             if scenario not in names():
                 raise UsageError(f"unknown scenario {scenario!r}; there are: {', '.join(names())}")
             self.tell(f"rendering {scenario}")
-            render(scenario, folder, frames=60 if self.quick else None)
+            render(scenario, folder, frames=60 if self.quick else None, overwrite=True)
         return load_trial(folder)
 
     def trials(self, among: Iterable[str] | None = None) -> list[Trial]:
@@ -63,7 +64,9 @@ class Lab:
         if workers < 2:
             yield from map(function, items)
             return
-        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        # Ctrl-C is for all processes of a terminal: the workers end by it without a word.
+        quiet = (signal.SIGINT, signal.SIG_DFL)
+        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), signal.signal, quiet) as pool:
             yield from pool.map(function, items)
 
     def clip_trials(self) -> list[Trial]:

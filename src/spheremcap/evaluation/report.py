@@ -7,6 +7,7 @@ from pathlib import Path
 
 from spheremcap import __version__
 from spheremcap.evaluation.result import Kept, Table, load
+from spheremcap.io.output import whole_file
 
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 110em; color: #222 }
@@ -26,8 +27,9 @@ def write_report(folder: Path, names: Sequence[str]) -> Path:
     found = [kept for name in names if (kept := load(folder, name)) is not None]
     missing = [name for name in names if name not in {kept.name for kept in found}]
     page = folder / "report.html"
-    page.write_text(_page(found, missing), encoding="utf-8")
-    (folder / "experiments.md").write_text(_markdown(found), encoding="utf-8")
+    for path, text in ((page, _page(found, missing)), (folder / "experiments.md", _markdown(found))):
+        with whole_file(path, overwrite=True) as part:
+            part.path.write_text(text, encoding="utf-8")
     return page
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from spheremcap.errors import UsageError
 from spheremcap.evaluation.metrics import layout
+from spheremcap.io.output import make_folder, whole_file
 
 
 @dataclass(frozen=True)
@@ -52,13 +53,14 @@ class Result:
 def save(result: Result, folder: Path) -> None:
     """Write FOLDER/NAME/result.json and a PNG for each plot. Raises UsageError without matplotlib."""
     into = folder / result.name
-    into.mkdir(parents=True, exist_ok=True)
+    make_folder(into)
     for old in into.glob("*.png"):
         old.unlink()
     for plot in result.plots:
         figure = _figure(plot.size_in)
         plot.draw(figure)
-        figure.savefig(into / f"{plot.name}.png", dpi=100, metadata={"Software": None})
+        with whole_file(into / f"{plot.name}.png", overwrite=True) as part:
+            figure.savefig(part.path, format="png", dpi=100, metadata={"Software": None})
     kept = {
         "title": result.title,
         "about": result.about,
@@ -66,7 +68,8 @@ def save(result: Result, folder: Path) -> None:
         "tables": [asdict(table) for table in result.tables],
         "plots": [{"name": p.name, "caption": p.caption} for p in result.plots],
     }
-    (into / "result.json").write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    with whole_file(into / "result.json", overwrite=True) as part:
+        part.path.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 @dataclass(frozen=True)

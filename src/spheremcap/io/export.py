@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from spheremcap.errors import SourceError, UsageError
 from spheremcap.io.mcap_records import McapRecords
-from spheremcap.io.part_file import output_error, part_of
+from spheremcap.io.output import checked_output, whole_file
 from spheremcap.io.recording import damage_line, iter_columns
 
 Columns = Mapping[str, npt.NDArray[Any]]
@@ -22,10 +22,13 @@ Columns = Mapping[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True)
 class Exported:
-    """What became of an export: rows written, and one line about what could not be read (None: nothing)."""
+    """What became of an export: rows written, one line about what could not be read (None: nothing), and lines for the
+    user.
+    """
 
     rows: int
     damage: str | None
+    notes: tuple[str, ...] = ()
 
 
 def export_tracks(
@@ -34,9 +37,9 @@ def export_tracks(
     """Write the tracks of a recording as a table, by log time, with the columns of `Track.columns`.
 
     The ending of `out_path` says how: .csv (numbers with all their digits, empty where there is no value) or
-    .parquet (null where there is none). It is written as OUT.part and renamed; memory stays flat.
+    .parquet (null where there is none). It is there whole or not at all; memory stays flat.
 
-    Raises SourceError when the recording cannot be read or has no markers, UsageError when `out_path`
+    Raises SourceError when the recording cannot be read or has no markers, UsageError when `out_path` is the recording,
     exists, has another ending or pyarrow is not installed, OutputError when it cannot be written.
     """
     out = Path(out_path)
@@ -44,21 +47,17 @@ def export_tracks(
     write = writers.get(out.suffix.lower())
     if write is None:
         raise UsageError(f"{out}: tracks are exported to .csv or .parquet, not {out.suffix or 'no ending'!r}")
-    part = part_of(out, overwrite)
+    inputs = [Path(recording_path)]
+    checked_output(out, inputs, overwrite=overwrite)
     with McapRecords(recording_path) as records:
         batches = iter_columns(records)
         first = next(batches, None)
         if first is None:
             topics = ", ".join(sorted({c.topic for c in records.channels.values()})) or "none"
             raise SourceError(f"{recording_path}: has no markers of spheremcap in it; its topics: {topics}")
-        try:
-            rows = write(part, first, batches)
-            part.replace(out)
-        except OSError as error:
-            raise output_error(error, out) from error
-        finally:
-            part.unlink(missing_ok=True)
-        return Exported(rows, damage_line(records))
+        with whole_file(out, inputs, overwrite=overwrite) as part:
+            rows = write(part.path, first, batches)
+        return Exported(rows, damage_line(records), part.notes)
 
 
 def _write_csv(path: Path, first: Columns, rest: Iterator[Columns]) -> int:

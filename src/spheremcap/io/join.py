@@ -7,90 +7,18 @@ content the later one gets a number (`name#2`). Every input is read a few chunks
 
 import heapq
 import os
-from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
-from mcap.writer import CompressionType, Writer
-
-from spheremcap.errors import OutputError, UsageError
-from spheremcap.io.mcap_log import CHUNK_BYTES, COMPRESSION, LIBRARY, Compression
+from spheremcap.errors import UsageError
 from spheremcap.io.mcap_records import McapRecords
-from spheremcap.io.part_file import PartFile, output_error, part_of
+from spheremcap.io.output import Compression, SharedWriter, open_output
 
 CLOCK_METADATA = "spheremcap/clock/"
 ASK_EVERY = 1024
 """After so many messages it is asked whether to go on: often enough for a person, seldom enough to cost nothing."""
-
-
-class SharedWriter(Writer):
-    """An mcap Writer for several sources: the same schema, channel or metadata record is stored once.
-
-    It can be handed to McapLog, whose messages then share schemas with those that are copied. Set `complete`
-    to False, and the file stays OUT.part, finished and readable.
-    """
-
-    def __init__(self, output: IO[bytes], compression: CompressionType = CompressionType.ZSTD) -> None:
-        super().__init__(output, CHUNK_BYTES, compression)
-        self.complete = True
-        self.topics: dict[int, str] = {}
-        self.counts: Counter[str] = Counter()
-        self.renamed: dict[str, str] = {}
-        self._schema_ids: dict[tuple[str, str, bytes], int] = {}
-        self._channel_ids: dict[tuple[str, str, int, frozenset[tuple[str, str]]], int] = {}
-        self._metadata: dict[str, list[dict[str, str]]] = {}
-
-    def register_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """The id of this schema, stored when it is new."""
-        key = (name, encoding, data)
-        if key not in self._schema_ids:
-            self._schema_ids[key] = super().register_schema(name, encoding, data)
-        return self._schema_ids[key]
-
-    def register_channel(
-        self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str] | None = None
-    ) -> int:
-        """The id of this channel, stored when it is new."""
-        key = (topic, message_encoding, schema_id, frozenset((metadata or {}).items()))
-        if key not in self._channel_ids:
-            new = super().register_channel(topic, message_encoding, schema_id, metadata or {})
-            self._channel_ids[key] = new
-            self.topics[new] = topic
-        return self._channel_ids[key]
-
-    def add_message(self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0) -> None:
-        """As in Writer; `counts` goes by topic."""
-        self.counts[self.topics[channel_id]] += 1
-        super().add_message(channel_id, log_time, data, publish_time, sequence)
-
-    def add_metadata(self, name: str, data: dict[str, str]) -> None:
-        """Store a record; one that is there already is left out, one whose name is taken gets a number."""
-        same_name = self._metadata.setdefault(name, [])
-        if data in same_name:
-            return
-        same_name.append(data)
-        if len(same_name) == 1:
-            super().add_metadata(name, data)
-            return
-        number = len(same_name)
-        while f"{name}#{number}" in self._metadata:
-            number += 1
-        self._metadata[f"{name}#{number}"] = [data]
-        self.renamed[f"{name}#{number}"] = name
-        super().add_metadata(f"{name}#{number}", data)
-
-
-class _OutFile(PartFile):
-    """OUT.part, whose errors say that it is the output that could not be written."""
-
-    def write(self, data: bytes) -> int:
-        try:
-            return super().write(data)
-        except OSError as error:
-            raise output_error(error, self.path) from error
 
 
 class StampMap(Protocol):
@@ -246,19 +174,24 @@ class Join:
 @dataclass(frozen=True, slots=True)
 class Merged:
     """What a merge did: messages by topic, renamed metadata (new name -> old), what the inputs had lost, and
-    whether it was stopped, which leaves what was written in OUT.part.
+    whether it was stopped, which leaves what was written in `part` (None: there was nothing). `end_ns` is the last log
+    time, `notes` are for the user.
     """
 
     counts: dict[str, int]
     renamed: dict[str, str]
     lost: tuple[str, ...]
     stopped: bool = False
+    part: Path | None = None
+    end_ns: int | None = None
+    notes: tuple[str, ...] = ()
 
 
 def merge_streams(
     streams: Sequence[Stream],
     output: str | os.PathLike[str],
     *,
+    inputs: Sequence[Path] = (),
     overwrite: bool = False,
     compression: Compression = "zstd",
     progress: Callable[[int, int | None], None] = lambda done, total: None,
@@ -267,12 +200,13 @@ def merge_streams(
     """Join the streams into a new file. Inputs that are damaged give what can be read; `lost` says what is
     missing.
 
-    `progress` gets messages done and expected, `stop` ends the merge: both are called now and then. Raises
-    UsageError when the output exists, OutputError when it cannot be written.
+    `inputs` are further files and folders that the output must not be. `progress` gets messages done and expected,
+    `stop` ends the merge: both are called now and then. Raises UsageError when the output exists or is an input,
+    OutputError when it cannot be written.
     """
-    inputs = [s.records for s in streams if isinstance(s, McapStream)]
-    profiles = {records.profile for records in inputs}
-    alike = len(profiles) == 1 and len(inputs) == len(streams)
+    copied = [s.records for s in streams if isinstance(s, McapStream)]
+    profiles = {records.profile for records in copied}
+    alike = len(profiles) == 1 and len(copied) == len(streams)
     expected = sum(stream.count for stream in streams)
 
     def go_on(written: int) -> bool:
@@ -281,7 +215,7 @@ def merge_streams(
 
     with open_output(
         output,
-        [records.path for records in inputs],
+        [*inputs, *(records.path for records in copied)],
         overwrite=overwrite,
         compression=compression,
         profile=profiles.pop() if alike else "",
@@ -290,63 +224,9 @@ def merge_streams(
         join.stopped = not go_on(0)
         join.rest()
         writer.complete = not join.stopped
-    lost = tuple(f"{records.path}: {loss}" for records in inputs for loss in records.lost)
-    return Merged(dict(writer.counts), writer.renamed, lost, join.stopped)
-
-
-@contextmanager
-def open_output(
-    path: str | os.PathLike[str],
-    inputs: Sequence[Path] = (),
-    *,
-    overwrite: bool = False,
-    compression: Compression = "zstd",
-    profile: str = "",
-) -> Iterator[SharedWriter]:
-    """A started SharedWriter on OUT.part, finished on every way out, and renamed to OUT when nothing went
-    wrong.
-
-    `profile` is MCAP's: "ros2" says that every channel is ROS 2's. Raises UsageError when the output is an
-    input, or exists and `overwrite` is False; OutputError when it cannot be written.
-    """
-    path = Path(path)
-    part = checked_output(path, inputs, overwrite=overwrite)
-    try:
-        file = _OutFile(part)
-    except OSError as error:
-        raise output_error(error, path) from error
-    writer = SharedWriter(file, COMPRESSION[compression])  # type: ignore[arg-type]
-    try:
-        writer.start(profile, LIBRARY)
-        yield writer
-        writer.finish()  # type: ignore[no-untyped-call]
-    except BaseException:
-        with suppress(OutputError):
-            _end(writer, file)
-        raise
-    finally:
-        file.close()
-    if writer.complete:
-        try:
-            part.replace(path)
-        except OSError as error:
-            raise output_error(error, path) from error
-
-
-def _end(writer: Writer, file: _OutFile) -> None:
-    """Make the file readable after something went wrong; without an index when the disk takes no more."""
-    try:
-        writer.finish()  # type: ignore[no-untyped-call]
-    except OutputError:
-        file.seal()
-
-
-def checked_output(path: Path, inputs: Sequence[Path] = (), *, overwrite: bool = False) -> Path:
-    """OUT.part for OUT. Raises UsageError when OUT is an input, or exists and `overwrite` is False."""
-    for given in inputs:
-        if path.exists() and given.exists() and path.samefile(given):
-            raise UsageError(f"{path} is an input: name another output")
-    return part_of(path, overwrite)
+    lost = tuple(f"{records.path}: {loss}" for records in copied for loss in records.lost)
+    part = writer.part if join.stopped and writer.counts else None
+    return Merged(dict(writer.counts), writer.renamed, lost, join.stopped, part, writer.end_ns, writer.notes)
 
 
 def in_range(stamp_ns: int, name: str) -> int:

@@ -8,15 +8,14 @@ import hashlib
 import heapq
 from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Protocol, Self
 from weakref import WeakKeyDictionary
 
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from spheremcap.core.camera import Camera
@@ -26,23 +25,17 @@ from spheremcap.core.marker import MarkerSpec
 from spheremcap.errors import OutputError, UsageError
 from spheremcap.io import messages, overlays
 from spheremcap.io.messages import Fields, LogLevel, Message
-from spheremcap.io.part_file import PartFile, output_error, part_of
+from spheremcap.io.output import VERSION, Compression, SharedWriter, open_output
 from spheremcap.io.topics import WORLD_FRAME, Topics
 
-VERSION = version("spheremcap")
-LIBRARY = f"spheremcap/{VERSION} mcap-python/{version('mcap')}"
 RUN_METADATA = "spheremcap/run/"
 OUTCOME_METADATA = "spheremcap/outcome/"
 
-CHUNK_BYTES = 1024 * 1024
 CALIBRATION_PERIOD_NS = 2_000_000_000
 """Calibration and transforms are repeated this often, so that a piece cut out of the file still has them."""
 SCENE_PERIOD_NS = 15_000_000
 """At most one scene a period: viewers draw 60 a second, and trails at 240 would outweigh the video."""
 TRAIL_NS = 1_000_000_000
-
-Compression = Literal["zstd", "lz4", "none"]
-COMPRESSION = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
 
 
 class Sink(Protocol):
@@ -114,12 +107,11 @@ class RunInfo:
 class McapLog:
     """Turns each `FrameResult` and its picture into messages, in log-time order, in memory that stays flat.
 
-    `target` is a path, written as OUT.part and renamed by `close`; or a writer that the caller has open and
-    finishes himself, to which only schemas, channels, messages and (when `run` is given) metadata and
-    attachments are added. Use it as a context manager: an exception leaves a readable OUT.part and nothing
-    under the final name.
+    `target` is a path, owned as `open_output` does it until `close`; or a writer that the caller has open and finishes
+    himself, to which only schemas, channels, messages and (when `run` is given) metadata and attachments are added.
+    Use it as a context manager: an exception leaves a readable OUT.part and nothing under the final name.
 
-    Raises UsageError when the path exists and `overwrite` is False, OutputError when it cannot be written.
+    Raises what `open_output` raises.
     """
 
     def __init__(
@@ -137,19 +129,11 @@ class McapLog:
         self.markers = {marker.name: (index, marker) for index, marker in enumerate(markers)}
         self.topics = topics or Topics()
         self.run = run
-        self.path: Path | None = None
-        self._file: PartFile | None = None
-        self._owned: Writer | None = None
+        self._file = ExitStack()
+        self._owned: SharedWriter | None = None
         if isinstance(target, str | Path):
-            self.path = Path(target)
             self.run = run or RunInfo()
-            try:
-                self._file = PartFile(part_of(self.path, overwrite))
-            except OSError as error:
-                raise output_error(error, self.path) from error
-            self._overwrite = overwrite
-            self._owned = Writer(self._file, CHUNK_BYTES, COMPRESSION[compression])  # type: ignore[arg-type]
-            self._guarded(self._owned.start, "", LIBRARY)
+            self._owned = self._file.enter_context(open_output(target, overwrite=overwrite, compression=compression))
             self._sink: Sink = self._owned
         else:
             self._sink = target
@@ -164,11 +148,6 @@ class McapLog:
         self._closed = False
         self._font_px = 14.0 if camera is None else max(10.0, camera.width_px / 70)
 
-    @property
-    def part_path(self) -> Path | None:
-        """Where the file is until `close`; None for somebody else's writer."""
-        return None if self._file is None else self._file.path
-
     def write(
         self,
         result: FrameResult,
@@ -182,56 +161,6 @@ class McapLog:
         circles burnt in. Frames come in order of their stamps; one that goes back keeps its own stamp and
         publish time, and its log time is the one before.
         """
-        self._guarded(self._write, result, picture, overview, overview_step)
-
-    def log(self, level: LogLevel, text: str, stamp_ns: int) -> None:
-        """Add a line for the user; it waits until the frames have come as far as `stamp_ns`."""
-        self._log_count += 1
-        heapq.heappush(self._pending_log, (stamp_ns, self._log_count, level, text))
-
-    def close(self, outcome: Mapping[str, str] | None = None, *, complete: bool = True) -> None:
-        """Finish the recording; `outcome` is kept as metadata (frames read, frames that did not decode, ...).
-
-        With `complete`, OUT.part becomes OUT; without, it stays OUT.part, finished and readable. A writer
-        that somebody else has open is left open.
-        """
-        if self._closed:
-            return
-        self._guarded(self._finish, outcome or {}, complete)
-        self._closed = True
-        if self._file is None or self.path is None:
-            return
-        self._file.close()
-        if complete:
-            if self.path.exists() and not self._overwrite:
-                raise OutputError(f"{self.path} appeared while {self._file.path} was written: rename one of them")
-            try:
-                self._file.path.replace(self.path)
-            except OSError as error:
-                raise output_error(error, self.path) from error
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self.close()
-            return
-        try:
-            self.close(complete=False)
-        except OutputError:
-            if not isinstance(error, OutputError):
-                raise
-
-    def _write(
-        self,
-        result: FrameResult,
-        picture: EncodedPicture | None,
-        overview: BgrImage | None,
-        overview_step: int,
-    ) -> None:
         stamp, topics, optical = result.stamp_ns, self.topics, self.topics.optical_frame
         self._write_log_until(stamp)
         self._begin(stamp)
@@ -265,6 +194,41 @@ class McapLog:
             drawn = overlays.overview_picture(overview, overview_step, result.estimates)
             self._add(topics.overview, stamp, messages.image(stamp, drawn, optical))
 
+    def log(self, level: LogLevel, text: str, stamp_ns: int) -> None:
+        """Add a line for the user; it waits until the frames have come as far as `stamp_ns`."""
+        self._log_count += 1
+        heapq.heappush(self._pending_log, (stamp_ns, self._log_count, level, text))
+
+    def close(self, outcome: Mapping[str, str] | None = None, *, complete: bool = True) -> None:
+        """Finish the recording; `outcome` is kept as metadata (frames read, frames that did not decode, ...).
+
+        With `complete`, OUT.part becomes OUT; without, it stays OUT.part, finished and readable. A writer
+        that somebody else has open is left open.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        with self._file:
+            self._finish(outcome or {}, complete)
+            if self._owned is not None:
+                self._owned.complete = complete
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+            return
+        try:
+            if not self._closed and not isinstance(error, OutputError):
+                self._closed = True
+                self._finish({}, complete=False)
+        finally:
+            self._file.__exit__(kind, error, trace)
+
     def _begin(self, stamp_ns: int) -> None:
         """Metadata and attachments before the first message, stamped like it."""
         if self._last_ns is not None:
@@ -289,8 +253,6 @@ class McapLog:
         if self.run is not None:
             facts = dict(outcome) | {"complete": "yes" if complete else "no"}
             self._sink.add_metadata(OUTCOME_METADATA + self.run.id, facts)
-        if self._owned is not None:
-            self._owned.finish()  # type: ignore[no-untyped-call]
 
     def _write_log_until(self, stamp_ns: int | None) -> None:
         while self._pending_log and (stamp_ns is None or self._pending_log[0][0] <= stamp_ns):
@@ -336,23 +298,6 @@ class McapLog:
         self._sequences[topic] = sequence = self._sequences.get(topic, 0) + 1
         self._last_ns = log_time = max(stamp_ns, self._last_ns or 0)
         self._sink.add_message(channel, log_time, message.SerializeToString(), stamp_ns, sequence)
-
-    def _guarded(self, step: Any, *arguments: Any) -> None:
-        """Run a step that writes; when the file cannot take it, end the file readable and say so."""
-        try:
-            step(*arguments)
-        except OSError as error:
-            if self._file is None:
-                raise OutputError(f"cannot write the recording: {error.strerror or error}") from error
-            if not self._closed:
-                self._closed = True
-                try:
-                    self._file.seal()
-                except OSError:
-                    pass
-                finally:
-                    self._file.close()
-            raise output_error(error, self._file.path) from error
 
 
 class _Trail:

@@ -12,6 +12,7 @@ from spheremcap.errors import UsageError
 from spheremcap.io import recording
 from spheremcap.io.join import McapStream, Merged, Stream, in_range, merge_streams
 from spheremcap.io.mcap_records import McapRecords
+from spheremcap.io.output import checked_output
 from spheremcap.io.sources import is_recording
 from spheremcap.merging.clock import Clock
 from spheremcap.merging.log import SensorLog
@@ -95,6 +96,7 @@ def merge(
     sources: Sequence[Source],
     output: str | os.PathLike[str],
     *,
+    inputs: Sequence[Path] = (),
     overwrite: bool = False,
     force: bool = False,
     config: SyncConfig | None = None,
@@ -107,12 +109,15 @@ def merge(
     Every input's clock comes first, and what is read of an input is read through it. A sensor whose stamps count
     from the start of its device keeps them after the start of the MCAP inputs, and its offset is added to that. `say`
     gets a line on each placement and each note, before anything is written; `progress` gets messages done and expected.
+    `inputs` are further files that the output must not be (mappings).
     `stop` is asked before each input and while they are written: once it says yes the merge ends, and what there is
     stays readable in OUT.part; from then on it has to say yes.
 
     Raises a SpheremcapError for inputs that cannot be read and clocks that cannot be found, and a UsageError for inputs
     that do not overlap the others or whose clock began anew, unless `force` takes them as they are.
     """
+    given_files = [*(source.path for source in sources), *inputs]
+    checked_output(output, given_files, overwrite=overwrite)
     with ExitStack() as stack:
         recordings: list[_Recording] = []
         logs: list[tuple[Source, list[SensorLog]]] = []
@@ -152,12 +157,16 @@ def merge(
             if log.name in syncs:
                 topic = f"/sync/{log.name}/residual"
                 streams.append(SensorStream(residual_log(syncs[log.name], log.name), topic=topic))
-        merged = merge_streams(streams, output, overwrite=overwrite, progress=progress, stop=stop)
+        merged = merge_streams(streams, output, inputs=given_files, overwrite=overwrite, progress=progress, stop=stop)
+        late = list(merged.notes)
         for own in recordings:
             if own.records.unordered:
-                line = f"{own.records.path}: {own.records.unordered} messages were out of order; sorted by log time"
-                notes.append(line)
-                say(line)
+                late.append(
+                    f"{own.records.path}: {own.records.unordered} messages were out of order; sorted by log time"
+                )
+        notes.extend(late)
+        for line in late:
+            say(line)
     lost = tuple(line for log, _ in placed for line in log.lost)
     return Dataset(merged, tuple(notes), tuple(placements), lost, syncs)
 

@@ -14,8 +14,9 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from spheremcap.core.time import NS_PER_S
 from spheremcap.io import _pb
-from spheremcap.io.join import CLOCK_METADATA, OutMessage, SharedWriter, in_range
+from spheremcap.io.join import CLOCK_METADATA, OutMessage, in_range
 from spheremcap.io.mcap_log import schema_id
+from spheremcap.io.output import SharedWriter
 from spheremcap.merging.clock import Clock
 from spheremcap.merging.header import topic_name
 from spheremcap.merging.log import SensorLog

@@ -1,7 +1,7 @@
 """Writes a rendered session to a folder: the video, its truth, settings and seeds."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Seed
+from spheremcap.io.output import make_folder, whole_file
 from spheremcap.synth.catalogue import rendered
 from spheremcap.synth.truth import Container, MarkerTruth
 
@@ -33,6 +34,7 @@ class SynthSession:
     seeds_file: Path
     seeds: tuple[Seed, ...]
     frames: int
+    notes: tuple[str, ...] = ()
 
 
 def render(
@@ -42,6 +44,7 @@ def render(
     seed: int = 0,
     frames: int | None = None,
     megabits: float | None = None,
+    overwrite: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> SynthSession:
     """Render a scenario into `folder` (made if missing): session.mp4, truth.csv, settings.toml, seeds.toml.
@@ -49,37 +52,42 @@ def render(
     The same scenario, seed, frames and megabits (Mbit/s at 240 frames/s; None: the scenario's own) give the
     same bytes. `progress` is called with (frames done, frames in all). truth.csv has the columns
     `TRUTH_COLUMNS`, a row per frame and marker, in pixels, metres, m/s and radians, empty where there is no
-    value; what instant it is of is said in `scene`. Raises KeyError for an unknown scenario and OSError when
-    the folder cannot be written.
+    value; what instant it is of is said in `scene`. Raises KeyError for an unknown scenario, UsageError when one of the
+    files exists and `overwrite` is False, OutputError when they cannot be written.
     """
     scene = rendered(scenario, seed=seed, frames=frames)
     container = scene.container
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    video, truth = folder / "session.mp4", folder / "truth.csv"
+    make_folder(folder)
+    video, truth, settings, seeds_file = (
+        folder / name for name in ("session.mp4", "truth.csv", "settings.toml", "seeds.toml")
+    )
     seeds: dict[str, Seed] = {}
     clicks = np.random.default_rng([seed, 40_961])
-    video_part, truth_part = (path.with_name(path.name + ".part") for path in (video, truth))
-    with (
-        encoder(video_part, container, megabits) as write,
-        truth_part.open("w", encoding="utf-8", newline="\n") as table,
-    ):
-        table.write(",".join(TRUTH_COLUMNS) + "\n")
-        for index, (picture, stamp_ns, truths) in enumerate(scene.frames()):
-            write(scene.planes(picture), container.ticks[index])
-            for marker in truths:
-                table.write(truth_row(index, stamp_ns, marker) + "\n")
-                if marker.marker not in seeds and marker.circle is not None and marker.visible >= container.clear:
-                    seeds[marker.marker] = Seed(marker.marker, index, _click(marker.circle, clicks))
-            if progress is not None:
-                progress(index + 1, len(scene))
-    video_part.replace(video)
-    truth_part.replace(truth)
-    given = tuple(seeds[name] for name, _ in container.markers if name in seeds)
-    settings, seeds_file = folder / "settings.toml", folder / "seeds.toml"
-    settings.write_text(settings_toml(container), encoding="utf-8", newline="\n")
-    seeds_file.write_text(seeds_toml(given), encoding="utf-8", newline="\n")
-    return SynthSession(scenario, folder, video, truth, settings, seeds_file, given, len(scene))
+    with ExitStack() as files:
+        # The seeds are the first to be begun and so the last to be there: with them the session is complete.
+        begun = [
+            files.enter_context(whole_file(path, overwrite=overwrite)) for path in (seeds_file, settings, truth, video)
+        ]
+        parts = [part.path for part in begun]
+        with (
+            encoder(parts[3], container, megabits) as write,
+            parts[2].open("w", encoding="utf-8", newline="\n") as table,
+        ):
+            table.write(",".join(TRUTH_COLUMNS) + "\n")
+            for index, (picture, stamp_ns, truths) in enumerate(scene.frames()):
+                write(scene.planes(picture), container.ticks[index])
+                for marker in truths:
+                    table.write(truth_row(index, stamp_ns, marker) + "\n")
+                    if marker.marker not in seeds and marker.circle is not None and marker.visible >= container.clear:
+                        seeds[marker.marker] = Seed(marker.marker, index, _click(marker.circle, clicks))
+                if progress is not None:
+                    progress(index + 1, len(scene))
+        given = tuple(seeds[name] for name, _ in container.markers if name in seeds)
+        parts[1].write_text(settings_toml(container), encoding="utf-8", newline="\n")
+        parts[0].write_text(seeds_toml(given), encoding="utf-8", newline="\n")
+    notes = tuple(note for part in begun for note in part.notes)
+    return SynthSession(scenario, folder, video, truth, settings, seeds_file, given, len(scene), notes)
 
 
 def truth_row(index: int, stamp_ns: int, truth: MarkerTruth) -> str:
