@@ -47,7 +47,7 @@ from spheremcap.io.encode import write_video
 from spheremcap.io.mcap_log import McapLog
 from spheremcap.io.output import SharedWriter
 
-for name in ("api", "cli", "io.export", "io.recover", "merge.dataset"):  # before the runs are forked off
+for name in ("api", "cli", "io.export", "io.recover", "merging.dataset"):  # before the runs are forked off
     importlib.import_module(f"spheremcap.{name}")
 
 cv2.setNumThreads(1)  # threads do not come along into a fork

@@ -33,6 +33,8 @@ TRACKERS: dict[str, Callable[[], Any]] = {
 }
 
 
+BOX = {"CSRT": 1.5}
+"""Sides of the box in diameters of the marker, where a tracker does better with some of its surroundings; else 1."""
 BORDER_PX = 128
 """Pictures get this much of their border pixels around them, so that no tracker's box leaves the picture."""
 WHOLE_PIXELS = ("Boosting",)
@@ -40,22 +42,24 @@ WHOLE_PIXELS = ("Boosting",)
 
 
 class Peer:
-    """One of OpenCV's trackers on one marker; its box's inscribed circle is the marker's.
+    """One of OpenCV's trackers on one marker; its box's inscribed circle, over `BOX`, is the marker's.
 
     A box whose centre has left the picture is lost for good, until the next seed.
     """
 
     def __init__(self, marker: str, tracker: str) -> None:
         self.marker, self._make, self._whole = marker, TRACKERS[tracker], tracker in WHOLE_PIXELS
+        self._box = BOX.get(tracker, 1.0)
         self._tracker, self._inside = self._make(), True
         self.seconds, self.frames = 0.0, 0
 
     def seed(self, frame: Frame, circle: Circle) -> MarkerEstimate:
         """Start again: the box is the circle's square."""
         self._tracker, self._inside = self._make(), True
-        side = 2 * circle.r_px
+        half = self._box * circle.r_px
+        side = 2 * half
         # A box counts from a pixel's corner, a circle from its centre.
-        x, y = circle.x_px - circle.r_px + 0.5 + BORDER_PX, circle.y_px - circle.r_px + 0.5 + BORDER_PX
+        x, y = circle.x_px - half + 0.5 + BORDER_PX, circle.y_px - half + 0.5 + BORDER_PX
         box = tuple(round(v) for v in (x, y, side, side)) if self._whole else (x, y, side, side)
         self._tracker.init(_bordered(frame), box)
         return MarkerEstimate(self.marker, frame.index, frame.stamp_ns, Status.SEEDED, circle=circle)
@@ -71,7 +75,8 @@ class Peer:
         self.seconds, self.frames = self.seconds + time.perf_counter() - start, self.frames + 1
         if not found or min(width, height) <= 0:
             return lost
-        circle = Circle(x + width / 2 - 0.5 - BORDER_PX, y + height / 2 - 0.5 - BORDER_PX, min(width, height) / 2)
+        r_px = min(width, height) / 2 / self._box
+        circle = Circle(x + width / 2 - 0.5 - BORDER_PX, y + height / 2 - 0.5 - BORDER_PX, r_px)
         self._inside = 0 <= circle.x_px < frame.width_px and 0 <= circle.y_px < frame.height_px
         return replace(lost, status=Status.VERIFIED, circle=circle)
 
@@ -100,6 +105,7 @@ def main() -> None:
     parser.add_argument("--trackers", nargs="+", default=list(TRACKERS), choices=list(TRACKERS))
     parser.add_argument("--only", nargs="+", help="names of the sessions to follow")
     parser.add_argument("--vot", action="store_true", help="seed 5 frames after a failure: TRACKER-vot.csv")
+    parser.add_argument("--alone", action="store_true", help="never seed again: TRACKER-alone.csv")
     parser.add_argument("--keep", action="store_true", help="leave out what OUT already has")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
@@ -107,11 +113,13 @@ def main() -> None:
         if given.only and trial.name not in given.only:
             continue
         for tracker in given.trackers:
-            path = given.out / trial.name / f"{tracker}{'-vot' if given.vot else ''}.csv"
+            ending = "-vot" if given.vot else "-alone" if given.alone else ""
+            path = given.out / trial.name / f"{tracker}{ending}.csv"
             if given.keep and path.exists():
                 continue
             # In a process of its own: some of these trackers crash.
-            job = (trial, tracker, path, VOT_SKIP_FRAMES if given.vot else 1, given.out / "times.csv")
+            skip_frames = VOT_SKIP_FRAMES if given.vot else 10**9 if given.alone else 1
+            job = (trial, tracker, path, skip_frames, given.out / "times.csv")
             process = multiprocessing.get_context("fork").Process(target=follow, args=job)
             process.start()
             process.join()

@@ -21,7 +21,8 @@ def experiment(
         Path | None, typer.Option("--sessions", help="Rendered sessions, when they are elsewhere.")
     ] = None,
     clips: Annotated[
-        Path | None, typer.Option("--clips", help="Folder of real clips, each with a CSV of its name.")
+        list[Path] | None,
+        typer.Option("--clips", help="Folder of clips made elsewhere, each with its truth; as often as needed."),
     ] = None,
     only: Annotated[list[str] | None, typer.Option("--only", help="Only this scenario; as often as needed.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small, for a first look; the numbers mean little.")] = False,
@@ -37,11 +38,11 @@ def experiment(
         for one in EXPERIMENTS:
             print(f"{one:14s} {describe(one)}")
         return
-    for folder in (sessions, clips):
+    for folder in (sessions, *(clips or ())):
         if folder is not None and not folder.is_dir():
             raise UsageError(f"{folder}: no such folder")
-    refuse_inputs(output, [clips] if clips is not None else [])
-    lab = Lab(output, sessions, clips, quick, tuple(only or ()))
+    refuse_inputs(output, clips or [])
+    lab = Lab(output, sessions, tuple(clips or ()), quick, tuple(only or ()))
     if name == "report":
         print(f"-> {run_report(lab, again=again)}")
         return

@@ -6,6 +6,7 @@ from pathlib import Path
 from spheremcap.errors import UsageError
 from spheremcap.evaluation.accuracy import ablation, accuracy, peers
 from spheremcap.evaluation.colours import colours
+from spheremcap.evaluation.footage import footage
 from spheremcap.evaluation.hough_tuning import hough
 from spheremcap.evaluation.lab import Lab
 from spheremcap.evaluation.lighting import illumination
@@ -18,6 +19,7 @@ from spheremcap.io.output import make_folder
 EXPERIMENTS: Mapping[str, Callable[[Lab], Result]] = {
     "accuracy": accuracy,
     "peers": peers,
+    "footage": footage,
     "positions": positions,
     "illumination": illumination,
     "hough": hough,
@@ -50,6 +52,8 @@ def run_experiment(name: str, lab: Lab) -> Result:
 def run_report(lab: Lab, *, again: bool = False) -> Path:
     """Run what the folder has no result of (all when `again`) and write its report.html; returns the path."""
     for name in EXPERIMENTS:
+        if name == "footage" and not lab.clips:
+            continue
         if again or load(lab.folder, name) is None:
             run_experiment(name, lab)
     return write_report(lab.folder, list(EXPERIMENTS))

@@ -25,14 +25,14 @@ class Lab:
     """The setting of every experiment.
 
     `folder` keeps all that they write: sessions/NAME (rendered when missing), peers/ (written by
-    benchmarks/peers/run.sh) and a folder for each result. `sessions` may lie elsewhere. `clips` is a folder
-    of real clips, each with a CSV of its name. `quick` makes every experiment small, for a first look and
+    benchmarks/peers/run.sh) and a folder for each result. `sessions` may lie elsewhere. `clips` are
+    folders of clips made elsewhere (`protocol.load_trials`). `quick` makes every experiment small, for a first look and
     for tests. `only` names the scenarios where not all are wanted.
     """
 
     folder: Path
     sessions: Path | None = None
-    clips: Path | None = None
+    clips: tuple[Path, ...] = ()
     quick: bool = False
     only: tuple[str, ...] = ()
     tell: Callable[[str], None] = lambda line: print(line, file=sys.stderr, flush=True)
@@ -70,5 +70,5 @@ class Lab:
             yield from pool.map(function, items)
 
     def clip_trials(self) -> list[Trial]:
-        """The real clips; none when no folder was given."""
-        return load_trials(self.clips) if self.clips is not None else []
+        """The clips made elsewhere; none when no folder was given."""
+        return [trial for folder in self.clips for trial in load_trials(folder)]

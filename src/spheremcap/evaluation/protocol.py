@@ -102,10 +102,13 @@ class Film:
 
 
 def load_trial(folder: Path) -> Trial:
-    """A rendered session's folder: session.mp4, settings.toml, seeds.toml and truth.csv."""
+    """A rendered session's folder: one video, settings.toml, seeds.toml and truth.csv. Raises SourceError."""
+    videos = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in _VIDEOS]
+    if len(videos) != 1:
+        raise SourceError(f"{folder}: has {len(videos)} videos; expected one, settings.toml, seeds.toml and truth.csv")
     return Trial(
         folder.name,
-        folder / "session.mp4",
+        videos[0],
         load_settings(folder / "settings.toml"),
         tuple(load_seeds(folder / "seeds.toml")),
         tuple(read_truth(folder / "truth.csv")),
@@ -127,12 +130,12 @@ def load_clip(video: Path, truth: Path) -> Trial:
 
 
 def load_trials(folder: Path) -> list[Trial]:
-    """The trials in a folder, by name: rendered sessions (folders with a session.mp4) and clips with a CSV
-    beside.
+    """The trials in a folder, by name: rendered sessions (folders with seeds.toml and truth.csv) and clips with
+    a CSV beside.
     """
-    if (folder / "session.mp4").exists():
+    if (folder / "seeds.toml").exists():
         return [load_trial(folder)]
-    trials = [load_trial(path.parent) for path in folder.glob("*/session.mp4") if (path.parent / "seeds.toml").exists()]
+    trials = [load_trial(path.parent) for path in folder.glob("*/seeds.toml") if (path.parent / "truth.csv").exists()]
     for truth in folder.glob("*.csv"):
         videos = [v for v in folder.glob(f"{truth.stem}.*") if v.suffix.lower() in _VIDEOS]
         trials += [load_clip(video, truth) for video in videos[:1]]
