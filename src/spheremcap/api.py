@@ -22,12 +22,11 @@ from spheremcap.core.presets import PRESETS, assumed_camera
 from spheremcap.core.time import NS_PER_S, format_time
 from spheremcap.errors import UsageError
 from spheremcap.io.ahead import ahead, in_order
-from spheremcap.io.camera_file import read_camera_info
+from spheremcap.io.calibration import read_camera_info
 from spheremcap.io.encode import H264Encoder, jpeg_encode
 from spheremcap.io.join import Join, SharedWriter, checked_output, open_output
 from spheremcap.io.mcap_log import McapLog, RunInfo
 from spheremcap.io.sources import CameraView, FromMcap, open_input
-from spheremcap.io.video import VideoSource
 from spheremcap.session import Session
 
 
@@ -100,6 +99,8 @@ def resolve_camera(
     else:
         note = "no camera given: circles are written, positions in metres are not; give --camera"
         return assumed_camera(square_px, height_px).scaled(width_px, height_px), False, note + shape
+    if settings.focal_sd:
+        camera = replace(camera, focal_sd=settings.focal_sd)
     if (camera.width_px, camera.height_px) != (width_px, height_px):
         if square_px != width_px and camera.width_px * height_px == camera.height_px * square_px:
             return camera.scaled(width_px, height_px), True, note + shape
@@ -189,7 +190,7 @@ class _Camera:
                     f"there are {last} frames (0 to {last - 1})"
                 )
         self._first_seed = min(seeds, key=lambda seed: seed.frame_index, default=None)
-        beside = None if settings.camera.given else view.calibration
+        beside = None if settings.camera.given else source.calibration
         camera, metric, camera_note = resolve_camera(
             settings.camera, source.width_px, source.height_px, folder, beside, source.pixel_aspect
         )
@@ -208,9 +209,9 @@ class _Camera:
         self._calibration = camera if writes_calibration else None
         pictures = _PICTURE_TOPICS.get(settings.output.video)
         self._topics = view.topics(pictures=pictures, calibration=writes_calibration)
-        more = {"image_topic": view.topic, "camera_note": camera_note}
+        more = {"image_topic": source.topic, "camera_note": camera_note}
         self._run = replace(
-            run, time_source=view.time_source, video=video_note, settings_toml=settings.to_toml(),
+            run, time_source=source.time_source, video=video_note, settings_toml=settings.to_toml(),
             seeds_toml=seeds_toml(list(seeds)), more={key: text for key, text in more.items() if text},
         )  # fmt: skip
         self._statuses = {spec.name: Counter[Status]() for spec in self._specs}
@@ -307,7 +308,9 @@ def _by_camera(
     cameras = []
     for view, some in zip(views, own.values(), strict=True):
         if not some:
-            raise UsageError(f"no seed for {view.topic}: give one, --seed {view.name.strip('/')}/MARKER@FRAME=X,Y,R")
+            raise UsageError(
+                f"no seed for {view.source.topic}: give one, --seed {view.name.strip('/')}/MARKER@FRAME=X,Y,R"
+            )
         names = {seed.marker for seed in some}
         here = settings.model_copy(update={"markers": tuple(m for m in settings.markers if m.name in names)})
         cameras.append((view, _with_seeded_markers(here, some), some))
@@ -341,17 +344,16 @@ def _picture_maker(settings: Settings, view: CameraView) -> tuple[PictureMaker |
         return None, "no video written as asked"
     if kind == "jpeg":
         return jpeg_encode, "video written as JPEG pictures as asked"
-    rate = source.stated_rate if isinstance(source, VideoSource) else None
     if kind == "h264":
-        return H264Encoder(rate_hint=rate).encode, "video encoded as H.264 as asked"
+        return H264Encoder(rate_hint=source.stated_rate).encode, "video encoded as H.264 as asked"
     if view.copied:
-        return None, f"pictures of {view.topic} copied as they are"
-    reason = view.passthrough_reason
+        return None, f"pictures of {source.topic} copied as they are"
+    reason = source.passthrough_reason
     if reason is None:
-        return (lambda frame: frame.encoded), f"video passed through as recorded ({view.codec})"
+        return (lambda frame: frame.encoded), f"video passed through as recorded ({source.codec})"
     if kind == "passthrough":
         raise UsageError(f"{source.path}: --video passthrough: {reason}; use --video auto to encode it once")
-    return H264Encoder(rate_hint=rate).encode, f"video encoded once as H.264: {reason}"
+    return H264Encoder(rate_hint=source.stated_rate).encode, f"video encoded once as H.264: {reason}"
 
 
 class _Rate:

@@ -51,7 +51,7 @@ class Stream:
 
 
 def stamps(*pictures: Picture) -> list[tuple[int, bool]]:
-    clock = _Clock(Stream(), 0)  # type: ignore[arg-type]
+    clock = _Clock(Stream(), 0, 2**63)  # type: ignore[arg-type]
     return [clock.stamp(picture) for picture in pictures]  # type: ignore[arg-type]
 
 
@@ -67,7 +67,7 @@ def test_half_of_nothing_is_a_nanosecond() -> None:
     class Instant(Stream):
         average_rate = Fraction(10**9)
 
-    clock = _Clock(Instant(), 0)  # type: ignore[arg-type]
+    clock = _Clock(Instant(), 0, 2**63)  # type: ignore[arg-type]
     assert [clock.stamp(Picture(0, 0))[0] for _ in range(3)] == [0, 1, 2]  # type: ignore[arg-type]
 
 

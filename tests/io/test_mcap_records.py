@@ -229,7 +229,8 @@ def test_garbage_in_a_compressed_chunk_costs_only_what_is_behind_it(tmp_path: Pa
     for compression in (CompressionType.ZSTD, CompressionType.LZ4):
         found, records = read(tmp_path, damaged(change, compression=compression))
         assert len(found) >= 7
-        assert len(records.lost) == 1
+        assert sum("does not decompress" in str(loss) for loss in records.lost) == 1
+        assert sum("statistics say" in str(loss) for loss in records.lost) == len(records.lost) - 1 > 0
 
 
 @pytest.mark.parametrize("chunked", [True, False])
@@ -255,11 +256,11 @@ def test_every_single_byte_error_is_survived(tmp_path: Path) -> None:
 
 
 def test_what_is_not_an_mcap_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match="cannot be opened"):
+    with pytest.raises(SourceError, match="no such file"):
         McapRecords(tmp_path / "absent.mcap")
     for content in (b"", b"RIFF" * 1000, b"\x89MCAP0\r\n"):
         (tmp_path / "x.mcap").write_bytes(content)
-        with pytest.raises(SourceError, match="not an MCAP file"):
+        with pytest.raises(SourceError, match=r"not an MCAP file|is empty"):
             McapRecords(tmp_path / "x.mcap")
 
 

@@ -3,7 +3,10 @@
 The file is surveyed once by its record headers (an index is neither needed nor trusted), then chunks are
 opened one at a time as their log times come up, so memory holds a few chunks whatever the file's size. Where
 a header makes no sense, the next place at which records follow each other is looked for; a chunk that is cut
-short or does not decompress to its end gives the messages before the damage.
+short or does not decompress to its end gives the messages before the damage. No chunk takes more memory than it
+says it does, nor more than `LARGEST_CHUNK_BYTES`. What was read is compared with what the file's statistics say.
+
+Several readings may go on at once, in threads too: they share the chunks that were opened last.
 """
 
 import heapq
@@ -11,8 +14,10 @@ import itertools
 import os
 import re
 import struct
+import threading
 import zlib
-from collections.abc import Callable, Collection, Iterator
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -24,15 +29,17 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, Metadata, Schema, Statistics
 
-from spheremcap.errors import SourceError
+from spheremcap.errors import SourceError, short
+from spheremcap.io.input_file import MCAP_MAGIC as MAGIC
+from spheremcap.io.input_file import checked_input
 
-MAGIC = b"\x89MCAP0\r\n"
 _HEADER = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _CHUNK = struct.Struct("<QQQI")
 _HELD_BYTES = 64 << 20  # decompressed chunks kept at once; beyond it they are read again when needed
 _RUN_BYTES = 1 << 20  # messages outside chunks are taken in runs of this size
-_LARGEST_CHUNK = 4 << 30
+LARGEST_CHUNK_BYTES = 128 << 20
+_LARGEST_UNKNOWN = 4 << 30  # a record of a kind that is not known is believed in up to this size
 _CHAIN = 3  # records that must follow each other before a place counts as found again
 
 
@@ -70,6 +77,7 @@ class _Piece:
     crc: int = 0
     channels: set[int] | None = None  # from the message indexes behind a chunk; None: not known
     reported: bool = False
+    sorted: bool = False  # its messages that were out of order have been counted
 
 
 _IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL)
@@ -78,8 +86,9 @@ _KEPT: dict[int, Callable[[ReadDataStream], Schema | Channel | Metadata]] = {
     Opcode.CHANNEL: Channel.read,
     Opcode.METADATA: Metadata.read,
 }
+_Data = bytes | bytearray  # what was decompressed in steps is not copied once more
 _Entry = tuple[int, int, int]  # log_time, start and end of the message record's body
-_ReadAt = Callable[[int, int], bytes]
+_ReadAt = Callable[[int, int], _Data]
 _Record = TypeVar("_Record")
 
 
@@ -87,8 +96,10 @@ class McapRecords:
     """An MCAP file's records: `schemas` and `channels` by the file's own ids, messages in log-time order.
 
     `lost` lists the damage met so far: framing damage once the file is open, bad chunks once they have been
-    read. `counts` has the number of readable messages by channel id. `unordered` counts messages that were
-    stored behind a later one of the same chunk; they come out in order.
+    read, differences to the file's statistics once messages have been read to their end. `counts` has the number of
+    messages by channel id: those that can be read where `all_read` (every chunk was opened), else those that the
+    statistics state. `unordered` counts messages that were stored behind a later one of the same chunk; they come
+    out in order.
 
     Raises SourceError when the file is not there or holds no MCAP record at all.
     """
@@ -103,14 +114,21 @@ class McapRecords:
         self.counts: dict[int, int] = {}
         self.lost: list[Loss] = []
         self.unordered = 0
+        self.all_read = False
         self._attachments: list[tuple[int, int]] = []
         self._pieces: list[_Piece] = []
+        self._statistics: Statistics | None = None
+        self._compared: set[int] = set()
+        self._undecodable: dict[str, tuple[int, str]] = {}
+        self._opened: OrderedDict[int, _Data] = OrderedDict()
+        self._opening = threading.Lock()
+        checked_input(self.path, "a recording")
         try:
             self._file = open(self.path, "rb", buffering=0)  # noqa: SIM115 (closed by close())
         except OSError as error:
             raise SourceError(f"{self.path}: cannot be opened: {error.strerror}") from error
         self._size = self._file.seek(0, os.SEEK_END)
-        self._block, self._block_at = b"", 0
+        self._block = (0, b"")
         try:
             self._survey()
         except BaseException:
@@ -138,8 +156,10 @@ class McapRecords:
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """All readable messages, or those of `topics`, by log time; equal times in the order of the file."""
+        given: Counter[int] = Counter()
         for piece_, entry, data in self._entries(topics):
             channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, entry[1])
+            given[channel_id] += 1
             channel = self.channels.get(channel_id)
             if channel is None:
                 if not piece_.reported:
@@ -148,8 +168,52 @@ class McapRecords:
             elif topics is None or channel.topic in topics:
                 body = bytes(data[entry[1] + _MESSAGE.size : entry[2]])
                 yield RawMessage(channel, sequence, log_time, publish_time, body)
+        self._compare(given, [i for i, c in self.channels.items() if topics is None or c.topic in topics])
 
-    def _entries(self, topics: Collection[str] | None) -> Iterator[tuple[_Piece, _Entry, bytes]]:
+    @property
+    def chunk_count(self) -> int:
+        """How many chunks there are."""
+        return sum(piece.compression is not None for piece in self._pieces)
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last log time, by the statistics or, where every chunk was opened, by the messages."""
+        if not sum(self.counts.values()):
+            return None
+        if not self.all_read and self._statistics is not None:
+            return self._statistics.message_start_time, self._statistics.message_end_time
+        filled = [piece for piece in self._pieces if piece.channels]
+        return min(piece.start for piece in filled), max(piece.end for piece in filled)
+
+    def undecodable(self, topic: str, error: Exception) -> None:
+        """For who decodes: one more message of `topic` is not what its schema says."""
+        count, first = self._undecodable.get(topic, (0, short(error)))
+        self._undecodable[topic] = (count + 1, first)
+
+    def damage(self) -> list[str]:
+        """All that could not be read so far, a line each: damage of the file, and messages that do not decode."""
+        bad = [
+            f"{topic}: {count} message{'s' * (count != 1)} not as the schema says ({first})"
+            for topic, (count, first) in self._undecodable.items()
+        ]
+        return [*map(str, self.lost), *bad]
+
+    def _compare(self, given: Mapping[int, int], channels: Collection[int]) -> None:
+        """Say where the statistics state other numbers of messages than were given."""
+        if self._statistics is None:
+            return
+        stated = self._statistics.channel_message_counts
+        if not stated and len(channels) == len(self.channels):
+            self._differ(-1, "messages", self._statistics.message_count, sum(given.values()))
+        for id_ in channels if stated else ():
+            self._differ(id_, f"messages on {self.channels[id_].topic}", stated.get(id_, 0), given.get(id_, 0))
+
+    def _differ(self, id_: int, what: str, stated: int, given: int) -> None:
+        if stated != given and id_ not in self._compared:
+            self._compared.add(id_)
+            self._lose(self._size, f"the file's own statistics say {stated} {what}, {given} can be read")
+
+    def _entries(self, topics: Collection[str] | None) -> Iterator[tuple[_Piece, _Entry, _Data]]:
         """Pieces opened as late as their start times allow, their messages merged by log time."""
         waiting = self._pieces
         if topics is not None:
@@ -158,7 +222,7 @@ class McapRecords:
         waiting = sorted(waiting, key=lambda p: (p.start, p.offset), reverse=True)
         heap: list[tuple[int, int, int]] = []  # log_time, offset of the piece, index of its next entry
         opened: dict[int, tuple[_Piece, list[_Entry]]] = {}
-        held: dict[int, bytes] = {}
+        held: dict[int, _Data] = {}
         while heap or waiting:
             while waiting and (not heap or waiting[-1].start <= heap[0][0]):
                 piece = waiting.pop()
@@ -199,7 +263,6 @@ class McapRecords:
             self._lose(0, "the magic bytes at the start are wrong")
             if not _plausible(self._read, position, self._size):
                 position = 0
-        summary: Statistics | None = None
         in_data, finished, trusted = True, False, not self.lost
         run: _Piece | None = None
         chunk: _Piece | None = None
@@ -238,16 +301,18 @@ class McapRecords:
             elif opcode == Opcode.DATA_END:
                 in_data = False
             elif opcode == Opcode.STATISTICS:
-                summary = _parsed(Statistics.read, self._read(offset, length))
+                self._statistics = _parsed(Statistics.read, self._read(offset, length))
             elif opcode == Opcode.FOOTER:
                 finished = True
-                trusted = trusted and self._summary_intact(offset)
+                if not self._summary_intact(offset):
+                    trusted, self._statistics = False, None
                 if self._read(offset + length, len(MAGIC)) != MAGIC:
                     self._lose(offset + length, "the magic bytes at the end are wrong")
         if not seen:
             raise SourceError(f"{self.path}: is not an MCAP file (no MCAP record in its {self._size} bytes)")
         if not finished:
             self._lose(self._size, "there is no footer: the recording was not finished")
+        summary = self._statistics
         if (
             trusted
             and not self.lost
@@ -263,6 +328,7 @@ class McapRecords:
     def _count_all(self) -> None:
         """Open every piece once, for its schemas, channels and number of messages."""
         self.counts = {}
+        self.all_read = True
         for piece in self._pieces:
             data = self._load(piece, report=True)
             channels = set()
@@ -274,7 +340,7 @@ class McapRecords:
             if entries:
                 piece.start, piece.end = entries[0][0], entries[-1][0]
             piece.channels = channels
-        self.unordered = 0
+        self._compare(self.counts, list(self.channels))
 
     def _chunk(self, offset: int, length: int) -> _Piece:
         """The chunk record at `offset`; `length` may reach past the end of a file that was cut."""
@@ -295,7 +361,7 @@ class McapRecords:
         self._lose(start, "the summary's checksum is wrong: the data section is used instead")
         return False
 
-    def _keep(self, opcode: int, body: bytes, offset: int) -> None:
+    def _keep(self, opcode: int, body: _Data, offset: int) -> None:
         """A schema, a channel (of one id the first counts) or a metadata record."""
         record = _parsed(_KEPT[opcode], body)
         if record is None:
@@ -319,9 +385,19 @@ class McapRecords:
 
     # --- chunks ---
 
-    def _load(self, piece: _Piece, report: bool) -> bytes:
-        """A piece's records, decompressed as far as they can be."""
-        stored = self._read(piece.offset, piece.length)
+    def _load(self, piece: _Piece, report: bool) -> _Data:
+        """A piece's records, decompressed as far as they can be; those that were opened last are at hand."""
+        with self._opening:
+            data = self._opened.pop(piece.offset, None)
+            if data is None:
+                data = self._open(piece, report)
+            self._opened[piece.offset] = data
+            while len(self._opened) > 1 and sum(map(len, self._opened.values())) > _HELD_BYTES:
+                self._opened.popitem(last=False)
+            return data
+
+    def _open(self, piece: _Piece, report: bool) -> _Data:
+        stored = self._read(piece.offset, min(piece.length, LARGEST_CHUNK_BYTES))
         if piece.compression is None:
             return stored
         data, problem = _decompress(stored, piece.compression, piece.size)
@@ -332,7 +408,7 @@ class McapRecords:
             self._lose(piece.offset, f"chunk of {piece.size} bytes: {problem}")
         return data
 
-    def _index(self, piece: _Piece, data: bytes) -> list[_Entry]:
+    def _index(self, piece: _Piece, data: _Data) -> list[_Entry]:
         """The messages of a piece by log time; its schemas and channels are kept on the way."""
         entries: list[_Entry] = []
         position, end = 0, len(data)
@@ -361,7 +437,8 @@ class McapRecords:
             piece.reported = True
         backwards = sum(a[0] > b[0] for a, b in itertools.pairwise(entries))
         if backwards:
-            self.unordered += backwards
+            self.unordered += 0 if piece.sorted else backwards
+            piece.sorted = True
             entries.sort()
         return entries
 
@@ -376,13 +453,18 @@ class McapRecords:
 
     def _read(self, offset: int, length: int) -> bytes:
         """Up to `length` bytes at `offset`; small reads come from one block of read-ahead."""
-        inside = offset - self._block_at
-        if inside >= 0 and inside + length <= len(self._block):
-            return self._block[inside : inside + length]
-        if length > 4096:
-            return _pread(self._file.fileno(), offset, length)
-        self._block, self._block_at = _pread(self._file.fileno(), offset, 8192), offset
-        return self._block[:length]
+        at, block = self._block
+        inside = offset - at
+        if inside >= 0 and inside + length <= len(block):
+            return block[inside : inside + length]
+        try:
+            if length > 4096:
+                return _pread(self._file.fileno(), offset, length)
+            block = _pread(self._file.fileno(), offset, 8192)
+        except OSError as error:
+            raise SourceError(f"{self.path}: byte {offset} cannot be read: {error.strerror}") from error
+        self._block = (offset, block)
+        return block[:length]
 
 
 def _pread(fd: int, offset: int, length: int) -> bytes:
@@ -396,7 +478,7 @@ def _pread(fd: int, offset: int, length: int) -> bytes:
     return data
 
 
-def _parsed(read: Callable[[ReadDataStream], _Record], body: bytes) -> _Record | None:
+def _parsed(read: Callable[[ReadDataStream], _Record], body: _Data) -> _Record | None:
     """The record, or None when its bytes do not make one."""
     try:
         return read(ReadDataStream(BytesIO(body)))
@@ -404,34 +486,50 @@ def _parsed(read: Callable[[ReadDataStream], _Record], body: bytes) -> _Record |
         return None
 
 
-def _reader(data: bytes) -> _ReadAt:
+def _reader(data: _Data) -> _ReadAt:
     return lambda offset, length: data[offset : offset + length]
 
 
-def _decompress(stored: bytes, compression: str, size: int) -> tuple[bytes, str | None]:
-    """The chunk's records and None, or as many of them as come out and what is wrong."""
+def _decompress(stored: bytes, compression: str, size: int) -> tuple[_Data, str | None]:
+    """The chunk's records and None, or as many of them as come out and what is wrong; never more than `size` bytes."""
+    if compression not in ("", "zstd", "lz4"):
+        return b"", f"compression {short(compression)} is not known (zstd and lz4 are)"
     if compression == "":
-        return stored, None if len(stored) == size else f"only {len(stored)} of its bytes are there"
-    if size > _LARGEST_CHUNK:
-        return b"", "its size makes no sense"
+        return stored[:size], None if len(stored) == size else f"{len(stored)} of its bytes are there"
+    limit = min(size, LARGEST_CHUNK_BYTES)
     try:
-        if compression == "zstd":
-            return zstandard.ZstdDecompressor().decompress(stored, max_output_size=size), None
-        if compression == "lz4":
-            return lz4.frame.decompress(stored), None
-    except (zstandard.ZstdError, RuntimeError, MemoryError):
+        if size == limit and compression == "lz4":
+            data = lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1)
+            if len(data) == size:
+                return data, None
+        # A frame may say its size itself, and is believed by the decompressor: only when it is the chunk's.
+        elif size == limit and zstandard.frame_content_size(stored) in (-1, size):
+            data = zstandard.ZstdDecompressor().decompress(stored, max_output_size=size)
+            if len(data) == size:
+                return data, None
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError):
         pass
-    else:
-        return b"", f"compression {compression!r} is not known (zstd and lz4 are)"
-    zstd = compression == "zstd"
-    stream = zstandard.ZstdDecompressor().decompressobj() if zstd else lz4.frame.LZ4FrameDecompressor()
     out = bytearray()
     try:
-        for start in range(0, len(stored), 64):  # small steps: what comes before the fault is kept
-            out += stream.decompress(stored[start : start + 64])
+        for piece in _decompressed(stored, compression):  # what comes before the fault is kept
+            out += piece
+            if len(out) > limit:
+                del out[limit:]
+                more = f"there is more in it than its {size} bytes" if size == limit else "it is too large"
+                return out, f"{more}: kept up to {limit}"
     except (zstandard.ZstdError, RuntimeError, EOFError):
-        pass
-    return bytes(out), f"it does not decompress beyond {len(out)} bytes"
+        return out, f"it does not decompress beyond {len(out)} bytes"
+    return out, None if len(out) == size else f"it does not decompress beyond {len(out)} bytes"
+
+
+def _decompressed(stored: bytes, compression: str) -> Iterator[bytes]:
+    """The bytes in small steps: none of them is large, whatever was compressed."""
+    zstd = compression == "zstd"
+    stream = zstandard.ZstdDecompressor().decompressobj() if zstd else lz4.frame.LZ4FrameDecompressor()
+    for start in range(0, len(stored), 64):
+        yield stream.decompress(stored[start : start + 64])
+        if stream.eof:
+            return
 
 
 # --- framing ---
@@ -536,7 +634,7 @@ def _plausible(read: _ReadAt, position: int, end: int, strict: bool = False) -> 
     if position + 9 + length > end or opcode == 0:
         return False
     if opcode > Opcode.DATA_END:  # private or future records: allowed, but no reason to believe in one
-        return not strict and length < _LARGEST_CHUNK
+        return not strict and length < _LARGEST_UNKNOWN
     if opcode in _LENGTHS:
         return bool(length == _LENGTHS[opcode]) if strict else bool(length >= _LENGTHS[opcode])
     if opcode in _SMALLEST:
