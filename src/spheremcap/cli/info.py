@@ -24,14 +24,16 @@ def info(
 
     Without --check only as much is read as that takes. Exit code 3 says that something in the file is damaged.
     """
-    from spheremcap.io.sources import is_recording
-    from spheremcap.io.summary import summarise, summarise_video
+    from spheremcap.io.input_file import is_recording
 
-    lost = (
-        _recording(summarise(file, check=check), check)
-        if is_recording(file)
-        else _video(summarise_video(file, check=check))
-    )
+    if is_recording(file):
+        from spheremcap.io.summary import summarise
+
+        lost = _recording(summarise(file, check=check), check)
+    else:
+        from spheremcap.io.video_summary import summarise_video
+
+        lost = _video(summarise_video(file, check=check))
     for line in lost:
         typer.echo(f"spheremcap: {line}", err=True)
     if lost:
