@@ -7,6 +7,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -123,6 +124,7 @@ def track(
     folder: Path = Path(),
     overwrite: bool = False,
     start_time_ns: int | None = None,
+    rate: Fraction | None = None,
     mcap: FromMcap | None = None,
     progress: Progress = lambda done, total: None,
     stop: Callable[[], bool] = lambda: False,
@@ -131,13 +133,14 @@ def track(
 
     Markers that only the seeds name get the default diameter. With several image topics, each is a camera of its
     own, and a seed's marker is named after the camera's topic: `front/left_wrist` is on /front/image. `folder` is
-    where relative paths in the settings start; `start_time_ns` is for videos, `mcap` for recordings. `stop` is
-    asked before every frame and ends the recording there, readable under OUT.part. Raises SpheremcapError.
+    where relative paths in the settings start; `start_time_ns` is for videos and folders of pictures, `rate` (pictures
+    a second) for folders, `mcap` for recordings. `stop` is asked before every frame and ends the recording there,
+    readable under OUT.part. Raises SpheremcapError.
     """
     path, out = Path(source_path), Path(output)
     checked_output(out, [path], overwrite=overwrite)
     packets = settings.output.video in ("auto", "passthrough")
-    with open_input(path, mcap, start_time_ns=start_time_ns, packets=packets) as given:
+    with open_input(path, mcap, start_time_ns=start_time_ns, rate=rate, packets=packets) as given:
         report = TrackReport(out)
         shared = RunInfo(path.name, *_fingerprint(path))
         cameras = [_Camera(*one, folder, shared) for one in _by_camera(given.views, settings, seeds)]
@@ -189,7 +192,11 @@ class _Camera:
                     f"{source.path}: seed of {seed.marker} on frame {seed.frame_index}: "
                     f"there are {last} frames (0 to {last - 1})"
                 )
-        self._first_seed = min(seeds, key=lambda seed: seed.frame_index, default=None)
+            if seed.frame_index < source.first_index:
+                raise UsageError(
+                    f"{source.path}: seed of {seed.marker} on frame {seed.frame_index}: "
+                    f"tracking starts on frame {source.first_index}"
+                )
         beside = None if settings.camera.given else source.calibration
         camera, metric, camera_note = resolve_camera(
             settings.camera, source.width_px, source.height_px, folder, beside, source.pixel_aspect
@@ -216,6 +223,7 @@ class _Camera:
         )  # fmt: skip
         self._statuses = {spec.name: Counter[Status]() for spec in self._specs}
         self._before: dict[str, Status] = {}
+        self._measured: dict[str, MarkerEstimate] = {}
         self._frames = self._requests = 0
 
     def begin(self, writer: SharedWriter) -> McapLog:
@@ -237,14 +245,9 @@ class _Camera:
 
         def frames() -> Iterator[Frame]:
             nonlocal stopped
-            for number, (frame, picture) in enumerate(pictures):
+            for frame, picture in pictures:
                 if stopped := not go_on():
                     return
-                seed = self._first_seed
-                if number == 0 and seed is not None and seed.frame_index < frame.index:
-                    raise UsageError(
-                        f"seed of {seed.marker} on frame {seed.frame_index}: tracking starts on frame {frame.index}"
-                    )
                 full = self._output.debug_images == "full" and overview_due(frame.stamp_ns)
                 waiting.append((picture, frame.reduced(step) if full else None))
                 yield frame
@@ -268,6 +271,8 @@ class _Camera:
         self._requests += len(result.requests)
         for estimate in result.estimates:
             self._statuses[estimate.marker][estimate.status] += 1
+            if estimate.status.measured:
+                self._measured[estimate.marker] = estimate
             _log_change(self._log, estimate, self._before)
         self._log.write(result, picture, overview, step)
 
@@ -275,7 +280,7 @@ class _Camera:
         """Finish this camera's part, and put what it did into the report; `stamp_ns` is the last log time of all."""
         name = self._view.name.strip("/")
         place = f"{name}/" if name else ""
-        gone = [f"{place}{m} is LOST at the end" for m, status in self._before.items() if status is Status.LOST]
+        gone = [self._lost_marker(place, m) for m, status in self._before.items() if status is Status.LOST]
         lost = [*self._view.lost(), *gone]
         for line in lost:
             self._log.log("WARNING", line, stamp_ns)
@@ -286,6 +291,18 @@ class _Camera:
         report.statuses |= {place + marker: counts for marker, counts in self._statuses.items()}
         report.notes += [f"{name}: {note}" if name else note for note in self._notes]
         report.lost += gone
+
+    def _lost_marker(self, place: str, marker: str) -> str:
+        """What to look at, and what to give, for a marker that is lost at the end."""
+        last = self._measured.get(marker)
+        said = f"{place}{marker} is LOST at the end"
+        if last is None or last.circle is None:
+            return f"{said}: it was never found after its seed; look whether the seed is on it"
+        c, frame = last.circle, last.frame_index
+        return (
+            f"{said}, last seen on frame {frame} at {c.x_px:.0f},{c.y_px:.0f} with radius {c.r_px:.0f}: look where it "
+            f"comes back after that, and run again with --seed {place}{marker}@FRAME=X,Y,R for that frame as well"
+        )
 
 
 def _by_camera(
@@ -404,6 +421,13 @@ def _log_change(log: McapLog, estimate: MarkerEstimate, before: dict[str, Status
 
 
 def _fingerprint(path: Path) -> tuple[int, str]:
-    """Size in bytes and SHA-256 of a file."""
+    """Size in bytes and SHA-256 of a file, or of a folder's files one after another, by name."""
+    if path.is_dir():
+        whole, size = hashlib.sha256(), 0
+        for file_path in sorted(p for p in path.iterdir() if p.is_file()):
+            with file_path.open("rb") as file:
+                whole.update(hashlib.file_digest(file, "sha256").digest())
+            size += file_path.stat().st_size
+        return size, whole.hexdigest()
     with path.open("rb") as file:
         return path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()

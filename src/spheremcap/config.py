@@ -1,7 +1,6 @@
 """Settings: the stages' own configs, composed, and how they are written in TOML. The seeds file is read here too."""
 
 import re
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -14,9 +13,11 @@ from spheremcap.core.circle import Circle
 from spheremcap.core.marker import MarkerSpec, Seed
 from spheremcap.core.stage import StageConfig
 from spheremcap.errors import SettingsError, short
+from spheremcap.io.toml_file import first_problem, read_toml
 from spheremcap.session import SessionConfig
 
 _LENGTH = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*(mm|cm|m|in)\s*", re.ASCII)
+_ALL_KEYS = "; `spheremcap config show` lists every key"
 _UNIT_M = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254}
 
 
@@ -142,7 +143,33 @@ def load_settings(path: Path) -> Settings:
     try:
         return Settings.model_validate(read_toml(path))
     except ValidationError as error:
-        raise SettingsError(f"{path}: {first_problem(error)}") from error
+        raise SettingsError(f"{path}: {first_problem(error, _ALL_KEYS)}") from error
+
+
+def with_camera(settings: Settings, text: str) -> Settings:
+    """The settings with another camera: a preset's name, or the path of a camera_info YAML. Raises SettingsError."""
+    given: dict[str, Any] = {"exposure_s": settings.camera.exposure_s, "readout_s": settings.camera.readout_s}
+    if text.endswith((".yaml", ".yml")):
+        given["file"] = str(Path(text).absolute())
+    else:
+        given["preset"] = text
+    return settings.model_copy(update={"camera": CameraSettings(**given)})
+
+
+def with_diameter(settings: Settings, seeds: Sequence[Seed], text: str) -> Settings:
+    """Settings that list the markers of the seeds with a diameter such as "4 cm". Raises SettingsError for one that is
+    none, or where the settings list markers already.
+    """
+    if settings.markers:
+        raise SettingsError(f"--diameter {short(text)}: the settings list their markers, each with its own")
+    names = dict.fromkeys(seed.marker.rpartition("/")[2] for seed in seeds)
+    try:
+        markers = tuple(MarkerSettings(name=name, diameter_m=length_m(text)) for name in names)
+    except ValidationError as error:
+        raise SettingsError(f"--diameter {short(text)}: {first_problem(error)}") from error
+    except ValueError as error:
+        raise SettingsError(f"--diameter: {error}") from error
+    return settings.model_copy(update={"markers": markers})
 
 
 class _SeedRow(StageConfig):
@@ -232,46 +259,3 @@ def _seed_of(text: str) -> Seed:
         ).seed()  # fmt: skip
     except ValidationError as error:
         raise ValueError(first_problem(error)) from None
-
-
-_LARGEST_TOML_BYTES = 16 << 20
-_COMMA = re.compile(r"=\s*[-+]?\d+,\d")
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file; a byte order mark is passed over. Raises SettingsError."""
-    try:
-        if not path.exists():
-            raise SettingsError(f"{path}: no such file")
-        if not path.is_file():
-            raise SettingsError(f"{path}: is {'a folder' if path.is_dir() else 'no regular file'}, not a TOML file")
-        with path.open("rb") as file:
-            data = file.read(_LARGEST_TOML_BYTES + 1)
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
-    if len(data) > _LARGEST_TOML_BYTES:
-        raise SettingsError(f"{path}: is larger than {_LARGEST_TOML_BYTES >> 20} MB: not a settings or seeds file")
-    utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
-    try:
-        text = data.decode("utf-16" if utf16 else "utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise SettingsError(f"{path}: not TOML: byte {error.start} is not UTF-8 text; save it as UTF-8") from error
-    try:
-        return tomllib.loads(text)
-    except RecursionError:
-        raise SettingsError(f"{path}: not TOML that anybody wrote: its values are nested too deeply") from None
-    except ValueError as error:  # tomllib's own, or Python's for a number of thousands of digits
-        line = re.search(r"at line (\d+)", str(error))
-        wrong = text.splitlines()[int(line[1]) - 1] if line is not None else ""
-        hint = "; decimals have a point, as in 0.04" if _COMMA.search(wrong) else ""
-        raise SettingsError(f"{path}: not TOML: {short(error)}{hint}") from error
-
-
-def first_problem(error: ValidationError) -> str:
-    """One line about the first thing that is wrong: its key, what was expected and what was found."""
-    first = error.errors(include_url=False)[0]
-    key = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        return f"unknown key {short(key)}; `spheremcap config show` lists every key"
-    message = " ".join(str(first["msg"]).removeprefix("Value error, ").split())
-    return f"{key}: {message} (found {short(first['input'])})" if key else message

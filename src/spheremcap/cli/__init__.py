@@ -1,19 +1,63 @@
-"""The command line: one file a verb; each parses, calls the api and prints. `app` has them all."""
+"""The command line: one file a verb; each parses, calls the api and prints.
+
+What a verb works with is imported inside its function, so that help and errors of usage are there at once.
+"""
 
 import os
 import sys
 import traceback
 
+import typer
+
+from spheremcap import __version__
+from spheremcap.cli import config, evaluate, experiment, export, info, merge, sync, synth, track, tune
 from spheremcap.errors import SpheremcapError, UsageError, short
 
 DEBUG = "SPHEREMCAP_DEBUG"
+"""When it is set, what is nobody's error but ours is shown with its trace."""
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    help="Track coloured sphere markers in video into an annotated MCAP that opens in Foxglove.\n\n"
+    "Start with: [bold]spheremcap track session.mp4 -o session.mcap --seed left_wrist@0=812,430,24[/bold] "
+    "(marker, frame, centre x, y and radius in pixels of that frame).",
+    epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but something was lost.",
+)
+
+
+def _paragraphs(text: str) -> str:
+    """A docstring with each paragraph on one line, as typer wants it."""
+    return "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"spheremcap {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+) -> None:
+    pass
+
+
+for verb in (
+    track.track, merge.merge, sync.sync, info.info, export.export,
+    evaluate.evaluate, experiment.experiment, synth.synth,
+):  # fmt: skip
+    app.command(help=_paragraphs(verb.__doc__ or ""))(verb)
+app.add_typer(tune.app, name="tune")
+app.add_typer(config.app, name="config")
 
 
 def main() -> None:
     """Run the command line; every error is one line on stderr and an exit code."""
     try:
-        from spheremcap.cli.app import app  # here, so that Ctrl-C while it loads is no traceback
-
         app()
     except UsageError as error:
         print(f"spheremcap: {error}", file=sys.stderr)

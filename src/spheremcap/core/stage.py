@@ -27,7 +27,7 @@ class StageConfig(BaseModel):
                 raise ValueError("true and false are for switches, a number is expected")
         elif isinstance(value, str) and numeric:
             raise ValueError("a number has no quotes, and its decimals a point: 0.04")
-        elif isinstance(value, int | float) and bool in kinds:
+        elif isinstance(value, int | float | str) and bool in kinds:
             raise ValueError("a switch is true or false")
         elif isinstance(value, int | float) and numeric:
             bounds = {type(bound): bound for bound in field.metadata}

@@ -268,7 +268,7 @@ class McapImageSource:
             why = "; ".join(self.lost.lines()) or "it has no messages in the asked time"
             raise SourceError(f"{self.path}: no picture of {self.topic} could be decoded: {why}")
         self.width_px, self.height_px = first.width_px, first.height_px
-        self.first_stamp_ns, self._first = first.stamp_ns, first.encoded
+        self.first_index, self.first_stamp_ns, self._first = first.index, first.stamp_ns, first.encoded
         self._pending = itertools.chain([first], frames)
 
     def _damage(self) -> list[str]:

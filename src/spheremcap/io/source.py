@@ -58,8 +58,8 @@ class Source(Protocol):
 
     `codec` says what the pictures are, and `passthrough_reason` why they cannot be handed on as they are (None: they
     can). `topic`, `calibration_topic` and `frame_id` are those of a recording, "" or None elsewhere; `calibration` is
-    the camera found beside the pictures. `stated_rate` (frames/s) and `frame_count_hint` are for people and levels
-    only.
+    the camera found beside the pictures. `first_index` is that of the first frame. `stated_rate` (frames/s) and
+    `frame_count_hint` are for people and levels only.
     """
 
     path: Path
@@ -78,6 +78,9 @@ class Source(Protocol):
 
     @property
     def frame_count_hint(self) -> int | None: ...
+
+    @property
+    def first_index(self) -> int: ...
 
     @property
     def stated_rate(self) -> Fraction | None: ...

@@ -1,14 +1,16 @@
-"""What is tracked: a video file, or image topics of a recording together with what is copied of it."""
+"""What is tracked: a video file, a folder of pictures, or image topics of a recording with what is copied of it."""
 
 import itertools
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Literal
 
 from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import UsageError
+from spheremcap.io.folder import PictureFolder
 from spheremcap.io.input_file import is_recording as is_recording
 from spheremcap.io.join import McapStream
 from spheremcap.io.mcap_images import McapImageSource, TimeBase, image_topics
@@ -125,14 +127,22 @@ def _named(path: Path, lines: Iterable[str]) -> list[str]:
 
 @contextmanager
 def open_input(
-    path: Path, choice: FromMcap | None = None, *, start_time_ns: int | None = None, packets: bool = True
+    path: Path,
+    choice: FromMcap | None = None,
+    *,
+    start_time_ns: int | None = None,
+    rate: Fraction | None = None,
+    packets: bool = True,
 ) -> Iterator[Input]:
-    """Open a video file, or the chosen pictures of a recording; closed on the way out.
+    """Open a video file, a folder of pictures, or the chosen pictures of a recording; closed on the way out.
 
-    `start_time_ns` and `packets` are VideoSource's. Raises SourceError for what cannot be read, UsageError
-    where something has to be said, or was said of the wrong kind of input.
+    `start_time_ns` is for videos and folders, `rate` (pictures a second) for folders, `packets` is VideoSource's.
+    Raises SourceError for what cannot be read, UsageError where something has to be said, or was said of the wrong kind
+    of input.
     """
     with ExitStack() as stack:
+        if rate is not None and not _is_folder(path):
+            raise UsageError(f"{path}: --rate is for a folder of pictures; what is here has its own times")
         if is_recording(path):
             if start_time_ns is not None:
                 raise UsageError(f"{path}: a recording has its own times: choose with --time, not --start-time")
@@ -140,9 +150,20 @@ def open_input(
         else:
             if choice is not None:
                 raise UsageError(f"{path}: --topic, --time, --start, --end and --copy are for MCAP input")
-            source = VideoSource(path, start_time_ns=start_time_ns, packets=packets)
-            stack.enter_context(source)
+            if _is_folder(path):
+                if rate is None:
+                    raise UsageError(f"{path}: is a folder: how many pictures a second? Give --rate, as in --rate 240")
+                source: Source = PictureFolder(path, rate, start_time_ns=start_time_ns)
+            else:
+                source = stack.enter_context(VideoSource(path, start_time_ns=start_time_ns, packets=packets))
             yield Input(path, (CameraView(source),))
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
 
 
 def _open_recording(path: Path, choice: FromMcap, stack: ExitStack) -> Input:

@@ -146,6 +146,7 @@ class VideoSource:
         """Where the stamps come from."""
         return self.start_time_source
 
+    first_index = 0
     # What only a recording has beside its pictures.
     topic = ""
     calibration_topic: str | None = None
