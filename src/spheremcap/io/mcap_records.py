@@ -16,6 +16,7 @@ import re
 import struct
 import threading
 import zlib
+from array import array
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -87,7 +88,32 @@ _KEPT: dict[int, Callable[[ReadDataStream], Schema | Channel | Metadata]] = {
     Opcode.METADATA: Metadata.read,
 }
 _Data = bytes | bytearray  # what was decompressed in steps is not copied once more
-_Entry = tuple[int, int, int]  # log_time, start and end of the message record's body
+
+
+class _Entries(NamedTuple):
+    """The messages of a piece by log time, in flat arrays (a chunk may hold millions): log time, where the message
+    record's body starts and ends.
+    """
+
+    times: "array[int]"
+    starts: "array[int]"
+    ends: "array[int]"
+
+    def add(self, log_time: int, start: int, end: int) -> None:
+        self.times.append(log_time)
+        self.starts.append(start)
+        self.ends.append(end)
+
+    def by_time(self) -> "_Entries":
+        """Sorted; equal times in the order of the file."""
+        order = sorted(range(len(self.times)), key=self.times.__getitem__)
+        return _Entries(*(array("Q", map(column.__getitem__, order)) for column in self))
+
+
+def _no_entries() -> _Entries:
+    return _Entries(array("Q"), array("Q"), array("Q"))
+
+
 _ReadAt = Callable[[int, int], _Data]
 _Record = TypeVar("_Record")
 
@@ -157,8 +183,8 @@ class McapRecords:
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """All readable messages, or those of `topics`, by log time; equal times in the order of the file."""
         given: Counter[int] = Counter()
-        for piece_, entry, data in self._entries(topics):
-            channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, entry[1])
+        for piece_, start, end, data in self._entries(topics):
+            channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, start)
             given[channel_id] += 1
             channel = self.channels.get(channel_id)
             if channel is None:
@@ -166,7 +192,7 @@ class McapRecords:
                     piece_.reported = True
                     self._lose(piece_.offset, f"messages of channel {channel_id}, whose record is missing")
             elif topics is None or channel.topic in topics:
-                body = bytes(data[entry[1] + _MESSAGE.size : entry[2]])
+                body = bytes(data[start + _MESSAGE.size : end])
                 yield RawMessage(channel, sequence, log_time, publish_time, body)
         self._compare(given, [i for i, c in self.channels.items() if topics is None or c.topic in topics])
 
@@ -213,7 +239,7 @@ class McapRecords:
             self._compared.add(id_)
             self._lose(self._size, f"the file's own statistics say {stated} {what}, {given} can be read")
 
-    def _entries(self, topics: Collection[str] | None) -> Iterator[tuple[_Piece, _Entry, _Data]]:
+    def _entries(self, topics: Collection[str] | None) -> Iterator[tuple[_Piece, int, int, _Data]]:
         """Pieces opened as late as their start times allow, their messages merged by log time."""
         waiting = self._pieces
         if topics is not None:
@@ -221,16 +247,16 @@ class McapRecords:
             waiting = [p for p in waiting if p.channels is None or not p.channels.isdisjoint(wanted)]
         waiting = sorted(waiting, key=lambda p: (p.start, p.offset), reverse=True)
         heap: list[tuple[int, int, int]] = []  # log_time, offset of the piece, index of its next entry
-        opened: dict[int, tuple[_Piece, list[_Entry]]] = {}
+        opened: dict[int, tuple[_Piece, _Entries]] = {}
         held: dict[int, _Data] = {}
         while heap or waiting:
             while waiting and (not heap or waiting[-1].start <= heap[0][0]):
                 piece = waiting.pop()
                 data = self._load(piece, report=True)
                 entries = self._index(piece, data)
-                if entries:
+                if entries.times:
                     opened[piece.offset], held[piece.offset] = (piece, entries), data
-                    heapq.heappush(heap, (entries[0][0], piece.offset, 0))
+                    heapq.heappush(heap, (entries.times[0], piece.offset, 0))
             if not heap:
                 return
             _, offset, k = heap[0]
@@ -242,14 +268,15 @@ class McapRecords:
             # This piece goes on until another open one, or the start of a waiting one, comes first.
             other = min(heap[1:3])[:2] if len(heap) > 1 else None
             until = waiting[-1].start if waiting else None
-            while k < len(entries):
-                log_time = entries[k][0]
+            times, starts, ends = entries
+            while k < len(times):
+                log_time = times[k]
                 if (other is not None and (log_time, offset) > other) or (until is not None and log_time >= until):
                     break
-                yield piece, entries[k], held[offset]
+                yield piece, starts[k], ends[k], held[offset]
                 k += 1
-            if k < len(entries):
-                heapq.heapreplace(heap, (entries[k][0], offset, k))
+            if k < len(times):
+                heapq.heapreplace(heap, (times[k], offset, k))
             else:
                 heapq.heappop(heap)
                 del opened[offset], held[offset]
@@ -333,12 +360,12 @@ class McapRecords:
             data = self._load(piece, report=True)
             channels = set()
             entries = self._index(piece, data)
-            for _, start, _ in entries:
+            for start in entries.starts:
                 channel_id = int.from_bytes(data[start : start + 2], "little")
                 channels.add(channel_id)
                 self.counts[channel_id] = self.counts.get(channel_id, 0) + 1
-            if entries:
-                piece.start, piece.end = entries[0][0], entries[-1][0]
+            if entries.times:
+                piece.start, piece.end = entries.times[0], entries.times[-1]
             piece.channels = channels
         self._compare(self.counts, list(self.channels))
 
@@ -408,9 +435,9 @@ class McapRecords:
             self._lose(piece.offset, f"chunk of {piece.size} bytes: {problem}")
         return data
 
-    def _index(self, piece: _Piece, data: _Data) -> list[_Entry]:
+    def _index(self, piece: _Piece, data: _Data) -> _Entries:
         """The messages of a piece by log time; its schemas and channels are kept on the way."""
-        entries: list[_Entry] = []
+        entries = _no_entries()
         position, end = 0, len(data)
         while position + 9 <= end:  # the common case, without the checks
             opcode, length = _HEADER.unpack_from(data, position)
@@ -420,7 +447,7 @@ class McapRecords:
                 position = body - 9
                 break
             if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
-                entries.append((int.from_bytes(data[body + 6 : body + 14], "little"), body, position))
+                entries.add(int.from_bytes(data[body + 6 : body + 14], "little"), body, position)
             elif opcode in _IN_CHUNKS and _parsed(_KEPT[opcode], data[body:position]) is not None:
                 self._keep(opcode, data[body:position], piece.offset)
             elif opcode <= Opcode.DATA_END:
@@ -428,18 +455,18 @@ class McapRecords:
                 break
         if position < end:
             lost = (lambda *_: None) if piece.reported else self._lose_in(piece)
-            entries = []
+            entries = _no_entries()
             for opcode, body, length in _walk(_reader(data), 0, end, lost):
                 if opcode == Opcode.MESSAGE:
-                    entries.append((int.from_bytes(data[body + 6 : body + 14], "little"), body, body + length))
+                    entries.add(int.from_bytes(data[body + 6 : body + 14], "little"), body, body + length)
                 elif opcode in _IN_CHUNKS:
                     self._keep(opcode, data[body : body + length], piece.offset)
             piece.reported = True
-        backwards = sum(a[0] > b[0] for a, b in itertools.pairwise(entries))
+        backwards = sum(a > b for a, b in itertools.pairwise(entries.times))
         if backwards:
             self.unordered += 0 if piece.sorted else backwards
             piece.sorted = True
-            entries.sort()
+            entries = entries.by_time()
         return entries
 
     def _lose_in(self, piece: _Piece) -> Callable[[int, str], None]:
