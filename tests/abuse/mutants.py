@@ -236,21 +236,13 @@ def whole_files(folder: Path) -> list[Path]:
     rows += [f"{1748772000 + i / 200:.3f},{i % 7},{i % 5},1" for i in range(100)]
     imu.write_text("\n".join(rows) + "\n")
     tracked = folder / "tracked.mcap"
-    camera = folder / "camera.yaml"
-    camera.write_text(CAMERA_YAML)
-    assert run("track", files[0], "-o", tracked, "--seed", "orange@0=100,90,18", "--camera", camera).code == 0
+    settings = folder / "settings.toml"  # a camera without a path, which would be another in each folder
+    settings.write_text("[camera]\nwidth_px=320\nheight_px=240\nfx_px=550\nfy_px=550\ncx_px=159.5\ncy_px=119.5\n")
+    assert run("track", files[0], "-o", tracked, "--seed", "orange@0=100,90,18", "-s", settings).code == 0
     ours = folder / "ours.mcap"
     merged = run("merge", tracked, imu, "-o", ours)
     assert merged.code == 0, merged.err
     tracked.unlink()
     imu.unlink()
-    camera.unlink()
+    settings.unlink()
     return [*files, ours]
-
-
-CAMERA_YAML = """image_width: 320
-image_height: 240
-distortion_model: plumb_bob
-camera_matrix: {data: [550, 0, 159.5, 0, 550, 119.5, 0, 0, 1]}
-distortion_coefficients: {data: [0.01, 0, 0, 0, 0]}
-"""

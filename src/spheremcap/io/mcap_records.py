@@ -144,6 +144,7 @@ class McapRecords:
         self._attachments: list[tuple[int, int]] = []
         self._pieces: list[_Piece] = []
         self._statistics: Statistics | None = None
+        self._data_end = (0, 0)  # where the data section ends, and its checksum (0: none)
         self._compared: set[int] = set()
         self._undecodable: dict[str, tuple[int, str]] = {}
         self._opened: OrderedDict[int, _Data] = OrderedDict()
@@ -234,6 +235,26 @@ class McapRecords:
         for id_ in channels if stated else ():
             self._differ(id_, f"messages on {self.channels[id_].topic}", stated.get(id_, 0), given.get(id_, 0))
 
+    def _compare_records(self, stated: Statistics, seen: Mapping[int, int]) -> None:
+        """Say where there are other numbers of records outside the chunks: one that has become another kind is lost."""
+        kinds = (
+            ("metadata records", stated.metadata_count, Opcode.METADATA),
+            ("attachments", stated.attachment_count, Opcode.ATTACHMENT),
+            ("chunks", stated.chunk_count, Opcode.CHUNK),
+        )
+        for what, count, opcode in kinds:
+            if count != seen.get(opcode, 0):
+                self._lose(self._size, f"the file's own statistics say {count} {what}, {seen.get(opcode, 0)} are there")
+
+    def check_data(self) -> None:
+        """Compare the data section's checksum, if it has one; reads the file once more."""
+        end, stated = self._data_end
+        crc = 0
+        for at in range(0, end if stated else 0, 1 << 20):
+            crc = zlib.crc32(self._read(at, min(1 << 20, end - at)), crc)
+        if crc != stated:
+            self._lose(end, "the data section's checksum is wrong")
+
     def _differ(self, id_: int, what: str, stated: int, given: int) -> None:
         if stated != given and id_ not in self._compared:
             self._compared.add(id_)
@@ -294,9 +315,9 @@ class McapRecords:
         run: _Piece | None = None
         chunk: _Piece | None = None
         chunks: dict[int, _Piece] = {}
-        seen = 0
+        seen: Counter[int] = Counter()
         for opcode, offset, length in _walk(self._read, position, self._size, self._lose):
-            seen += 1
+            seen[opcode] += 1
             if opcode == Opcode.MESSAGE and in_data:
                 channel_id, _, log_time, _ = _MESSAGE.unpack(self._read(offset, _MESSAGE.size))
                 if run is None or run.offset + run.length != offset - 9 or run.length >= _RUN_BYTES:
@@ -327,6 +348,7 @@ class McapRecords:
                     self.profile, self.library = header.profile, header.library
             elif opcode == Opcode.DATA_END:
                 in_data = False
+                self._data_end = (offset - 9, int.from_bytes(self._read(offset, 4), "little"))
             elif opcode == Opcode.STATISTICS:
                 self._statistics = _parsed(Statistics.read, self._read(offset, length))
             elif opcode == Opcode.FOOTER:
@@ -337,6 +359,8 @@ class McapRecords:
                     self._lose(offset + length, "the magic bytes at the end are wrong")
         if not seen:
             raise SourceError(f"{self.path}: is not an MCAP file (no MCAP record in its {self._size} bytes)")
+        if self._statistics is not None:
+            self._compare_records(self._statistics, seen)
         if not finished:
             self._lose(self._size, "there is no footer: the recording was not finished")
         summary = self._statistics

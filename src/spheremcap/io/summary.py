@@ -102,6 +102,8 @@ def summarise(path: str | os.PathLike[str], *, check: bool = False) -> Summary:
         names = schema_names(records)
         ours = {c.topic for c in records.channels.values() if names[c.id] in (STATE, REQUEST)}
         all_of_it = _Checked(records)
+        if check:
+            records.check_data()
         for raw in records.messages(None if check else ours):
             try:
                 if names[raw.channel.id] == STATE:
