@@ -117,7 +117,7 @@ def summarise(path: str | os.PathLike[str], *, check: bool = False) -> Summary:
             except UNREADABLE as error:
                 records.undecodable(raw.channel.topic, error)
         channels = sorted(records.channels.values(), key=lambda channel: (channel.topic, channel.id))
-        video = tuple(_picture_line(records, c) for c in channels if names[c.id] in PICTURES)
+        video = tuple(_picture_line(records, c, count_bad=not check) for c in channels if names[c.id] in PICTURES)
         start_ns, end_ns = records.span_ns or (None, None)
         return Summary(
             path=Path(path),
@@ -192,8 +192,8 @@ class _Gap:
         return MarkerSummary(marker, self._counts.total(), counts, frames, gap_ns / NS_PER_S, tuple(requests))
 
 
-def _picture_line(records: McapRecords, channel: Channel) -> str:
-    """`/camera/video: h264, 480 pictures`."""
+def _picture_line(records: McapRecords, channel: Channel, count_bad: bool) -> str:
+    """`/camera/video: h264, 480 pictures`; `count_bad` says whether a message that does not decode is a new one."""
     schema = records.schemas[channel.schema_id]
     count, kind = records.counts.get(channel.id, 0), schema.name.removeprefix("foxglove.")
     raw = next(iter(records.messages([channel.topic])), None)
@@ -203,5 +203,6 @@ def _picture_line(records: McapRecords, channel: Channel) -> str:
             message = decode(raw.data)
             kind = getattr(message, "format", "") or getattr(message, "encoding", "") or kind
     except ValueError as error:
-        records.undecodable(channel.topic, error)
+        if count_bad:
+            records.undecodable(channel.topic, error)
     return f"{channel.topic}: {kind}, {count} pictures"
