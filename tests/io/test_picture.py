@@ -15,7 +15,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from spheremcap.io.encode import H264Encoder
 from spheremcap.io.mcap_images import McapImageSource
-from spheremcap.io.picture import DecodedFrame, is_jpeg, still_image
+from spheremcap.io.picture import DecodedFrame, is_cut_jpeg, is_jpeg, still_image
 from spheremcap.io.video import VideoSource
 
 FORMATS = [
@@ -110,6 +110,9 @@ def test_still_pictures_are_read_and_cut_ones_refused(suffix: str, size: tuple[i
     data = cv2.imencode(suffix, np.full((size[1], size[0], 3), 77, np.uint8))[1].tobytes()
     assert still_image(data).shape == (size[1], size[0], 3)
     assert is_jpeg(data) == (suffix == ".jpg")
+    assert not is_cut_jpeg(data)
+    assert not is_cut_jpeg(data + b"a trailer of the camera's")
+    assert is_cut_jpeg(data[:-5]) == (suffix == ".jpg")
     for cut in (0, 1, 10, 20):
         with pytest.raises(ValueError, match="picture"):
             still_image(data[:cut])

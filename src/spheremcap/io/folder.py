@@ -15,7 +15,7 @@ from spheremcap.core.frame import BgrFrame, EncodedPicture, Frame
 from spheremcap.core.time import ticks_to_ns
 from spheremcap.errors import SourceError, UsageError, short
 from spheremcap.io.input_file import checked_input
-from spheremcap.io.picture import is_jpeg, still_image
+from spheremcap.io.picture import is_cut_jpeg, is_jpeg, still_image
 from spheremcap.io.source import Losses
 
 _SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
@@ -107,6 +107,7 @@ class PictureFolder:
                 self.lost.miss(f"{path.name}: {short(error)}")
                 continue
             if is_jpeg(data):
+                self.lost.damaged += is_cut_jpeg(data)
                 frame.encoded = EncodedPicture(data, "jpeg", True)
             yield frame
 

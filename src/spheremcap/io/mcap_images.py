@@ -33,7 +33,16 @@ from spheremcap.io import ros
 from spheremcap.io.annex_b import is_key_picture
 from spheremcap.io.calibration import camera_of, focal_sd_of
 from spheremcap.io.mcap_records import McapRecords, RawMessage
-from spheremcap.io.picture import RAW_ENCODINGS, Pictures, RawPicture, bounded, is_jpeg, raw_frame, still_image
+from spheremcap.io.picture import (
+    RAW_ENCODINGS,
+    Pictures,
+    RawPicture,
+    bounded,
+    is_cut_jpeg,
+    is_jpeg,
+    raw_frame,
+    still_image,
+)
 from spheremcap.io.source import Losses
 
 TimeBase = Literal["header", "log", "publish"]
@@ -415,6 +424,7 @@ class McapImageSource:
             )
         frame = BgrFrame(index, stamp_ns, still_image(picture.data))
         if is_jpeg(picture.data):
+            self.lost.damaged += is_cut_jpeg(picture.data)
             frame.encoded = EncodedPicture(picture.data, "jpeg", True)
         return frame
 

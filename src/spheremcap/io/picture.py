@@ -9,7 +9,7 @@ looked at before any memory is.
 import re
 import struct
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
@@ -341,6 +341,12 @@ def is_jpeg(data: bytes) -> bool:
     return data[:3] == b"\xff\xd8\xff"
 
 
+def is_cut_jpeg(data: bytes) -> bool:
+    """Whether it is a JPEG that ends before its picture does: decoders fill up the rest without a word."""
+    start = next((at for kind, at in _jpeg_segments(data) if kind == 0xDA), len(data))
+    return is_jpeg(data) and data.find(b"\xff\xd9", start) < 0
+
+
 def _still_size(data: bytes) -> tuple[int, int] | None:
     """Width and height by the header; None when that is none of a JPEG, PNG or WebP."""
     if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) >= 24:
@@ -359,12 +365,21 @@ def _still_size(data: bytes) -> tuple[int, int] | None:
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:
     """From the frame header (SOF), the first of the segments that has the size."""
-    at = 2
-    while 0 <= (at := data.find(b"\xff", at)) < len(data) - 9:
-        kind = data[at + 1]
-        if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC):
+    for kind, at in _jpeg_segments(data):
+        if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC) and at + 9 <= len(data):
             height, width = struct.unpack(">HH", data[at + 5 : at + 9])
             return width, height
-        alone = kind in (0x00, 0x01, 0xFF) or 0xD0 <= kind <= 0xD8
-        at += (1 if kind == 0xFF else 2) if alone else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
     return None
+
+
+def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
+    """(kind, where it starts) of each segment up to the picture's own data; what is inside of one is passed over."""
+    at = 2
+    while 0 <= (at := data.find(b"\xff", at)) < len(data) - 3:
+        kind = data[at + 1]
+        alone = kind in (0x00, 0x01, 0xFF) or 0xD0 <= kind <= 0xD8
+        if not alone:
+            yield kind, at
+            if kind == 0xDA:
+                return
+        at += (1 if kind == 0xFF else 2) if alone else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
