@@ -10,7 +10,7 @@ what fails then is left out. Ends with 1 when a fault's text is not found any mo
 Faults up to 34 have the numbers of a reader's review of an early version, which 20 of its 35 faults escaped: these are
 they, in their present form. From 101 on they are of chain, status, checks, session, optics, whereabouts, verifier and
 follower, from 181 on of what edges, outline and filter make of what they know beforehand, from 211 on of shading,
-softness, exposure and returns.
+softness, exposure and returns; from 401 on of what comes from outside.
 """
 
 import argparse
@@ -50,6 +50,10 @@ FOLLOWER, WHEREABOUTS = "tests/tracking/test_follower.py", "tests/positioning/te
 EDGE, COLOUR = "tests/detection/test_edge.py", "tests/detection/test_colour.py"
 SHADING, REACQUIRED = "tests/detection/test_shading.py", "tests/verification/test_reacquired.py"
 SPHERE, KALMAN = "tests/positioning/test_sphere.py", "tests/positioning/test_kalman.py"
+
+INPUTS, VERBS_INPUTS, MUTANTS = "tests/abuse/test_inputs.py", "tests/cli/test_inputs.py", "tests/abuse/test_mutants.py"
+HOSTILE, RECORDS = "tests/abuse/test_settings.py", "tests/io/test_mcap_records.py"
+PICTURE, CALIBRATION, FOLDER = "tests/io/test_picture.py", "tests/io/test_calibration.py", "tests/io/test_folder.py"
 
 FAULTS = (
     Fault(
@@ -435,6 +439,142 @@ FAULTS = (
     Fault(
         226, "colour: hues of black pixels count", "detection/colour.py",
         "hue_off[chroma < _NO_HUE * np.median(chroma)] = 0", "pass", (COLOUR,),
+    ),
+    Fault(
+        401, "chunk: a zstd frame is believed about its size", "io/mcap_records.py",
+        "elif size == limit and zstandard.frame_content_size(stored) in (-1, size):", "elif size == limit:", (INPUTS,),
+    ),
+    Fault(
+        402, "chunk: lz4 is not held to the stated size", "io/mcap_records.py",
+        "data = lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1)",
+        "data = lz4.frame.LZ4FrameDecompressor().decompress(stored)", (INPUTS,),
+    ),
+    Fault(
+        403, "chunk: the largest there may be is not looked at", "io/mcap_records.py",
+        "limit = min(size, LARGEST_CHUNK_BYTES)", "limit = size", (INPUTS,),
+    ),
+    Fault(
+        404, "statistics: fewer messages pass", "io/mcap_records.py",
+        "if stated != given and id_ not in self._compared:", "if stated < given and id_ not in self._compared:",
+        (VERBS_INPUTS,),
+    ),
+    Fault(
+        405, "statistics: metadata records are not counted", "io/mcap_records.py",
+        '("metadata records", stated.metadata_count, Opcode.METADATA),', "", (RECORDS,),
+    ),
+    Fault(
+        406, "data section: its checksum is not compared", "io/mcap_records.py",
+        "for at in range(0, end if stated else 0, 1 << 20):", "for at in range(0, 0, 1 << 20):", (RECORDS,),
+    ),
+    Fault(
+        407, "chunks: each reading opens its own", "io/mcap_records.py",
+        "data = self._opened.pop(piece.offset, None)", "data = None", (RECORDS,),
+    ),
+    Fault(
+        408, "still: the size is not looked at", "io/picture.py",
+        "    check_size(*size)\n    try:", "    try:", (INPUTS,),
+    ),
+    Fault(
+        409, "jpeg: a look-alike inside a comment is its size", "io/picture.py",
+        'at += (1 if kind == 0xFF else 2) if alone else 2 + int.from_bytes(data[at + 2 : at + 4], "big")', "at += 2",
+        (PICTURE,),
+    ),
+    Fault(
+        410, "jpeg: one that is cut is whole", "io/picture.py",
+        'return is_jpeg(data) and data.find(b"\\xff\\xd9", start) < 0', "return False", (PICTURE,),
+    ),
+    Fault(
+        411, "picture: untagged is BT.601 at every size", "io/picture.py",
+        '"bt709" if max(first.height, self.height_px) >= 720 else "bt601"', '"bt601"', (PICTURE,),
+    ),
+    Fault(
+        412, "picture: recordings say full range for all", "io/mcap_images.py",
+        "self._frame = Pictures(picture).frame",
+        "picture.color_range = 2; self._frame = Pictures(picture).frame", (PICTURE,),
+    ),
+    Fault(
+        413, "Annex B: an empty unit is one", "io/annex_b.py",
+        "        if unit:\n", "        if end > start:\n", ("tests/io/test_annex_b.py",),
+    ),
+    Fault(
+        414, "Annex B: what comes before a slice does not matter", "io/annex_b.py",
+        "if kind == 1 if format_ == \"h264\" else kind < 16:", "if kind == 1 if format_ == \"h264\" else kind < 1:",
+        ("tests/io/test_annex_b.py",),
+    ),
+    Fault(
+        415, "calibration: an unknown model is plumb_bob", "io/calibration.py",
+        "    if name not in _MODELS:", "    if name not in _MODELS and not d:", (CALIBRATION,),
+    ),
+    Fault(
+        416, "calibration: the uncertainty is lost on the way back", "io/recording.py",
+        'camera_of(fields, "the recording", focal_sd=focal_sd_of(channel.metadata))',
+        'camera_of(fields, "the recording")',
+        (CALIBRATION,),
+    ),
+    Fault(
+        417, "calibration: coefficients are cut instead of filled up", "io/calibration.py",
+        "length = next((n for n in _LENGTHS[model] if n >= len(d)), None)",
+        "length = next((n for n in _LENGTHS[model] if n >= len(d)), max(_LENGTHS[model]))", (CALIBRATION,),
+    ),
+    Fault(
+        418, "settings: nan is a number", "core/stage.py",
+        "if not math.isfinite(value) or (abs(value) > _FARTHEST and not bounded):",
+        "if abs(value) > _FARTHEST and not bounded:", (HOSTILE,), "pydantic's allow_inf_nan refuses it as well",
+    ),
+    Fault(
+        419, "settings: no number is too large", "core/stage.py",
+        "if not math.isfinite(value) or (abs(value) > _FARTHEST and not bounded):", "if not math.isfinite(value):",
+        (HOSTILE,),
+    ),
+    Fault(
+        420, "settings: true is 1", "core/stage.py", "            if numeric:\n", "            if not numeric:\n",
+        (HOSTILE,),
+    ),
+    Fault(
+        421, "markers: 40 m across is fine", "config.py", "if not 0.001 <= diameter_m <= 1:",
+        "if not 0.001 <= diameter_m:",
+        (HOSTILE,),
+    ),
+    Fault(
+        422, "seeds: two of a marker on one frame of a file", "config.py", "        if same != number:",
+        "        if same > number:",
+        (HOSTILE,),
+        "the session refuses them as well, only later and without the file's name",
+    ),
+    Fault(
+        423, "toml: a byte order mark is text", "io/toml_file.py", '"utf-16" if utf16 else "utf-8-sig"', '"utf-8"',
+        (HOSTILE,),
+    ),
+    Fault(
+        425, "folder: a missing number takes no time", "io/folder.py",
+        "return [((number - first) // step, numbers[number]) for number in sorted(numbers)]",
+        "return [(index, numbers[number]) for index, number in enumerate(sorted(numbers))]", (FOLDER,),
+    ),
+    Fault(
+        426, "folder: steps are gaps", "io/folder.py",
+        "step = math.gcd(*(number - first for number in numbers)) or 1", "step = 1", (FOLDER,),
+    ),
+    Fault(
+        427, "info: damaged messages are passed over", "io/mcap_records.py",
+        "self._undecodable[topic] = (count + 1, first)", "self._undecodable = {}", (VERBS_INPUTS,),
+    ),
+    Fault(
+        428, "info --check: only our own topics", "io/summary.py",
+        "for raw in records.messages(None if check else ours):", "for raw in records.messages(ours):", (VERBS_INPUTS,),
+    ),
+    Fault(
+        429, "main: a fault of our own goes through", "cli/__init__.py",
+        "    except Exception as error:\n",
+        "    except ArithmeticError as error:\n        raise\n    except Exception as error:\n",
+        (INPUTS,),
+    ),
+    Fault(
+        430, "clock: a stamp after the end of time counts", "io/video.py",
+        "> self._latest_ns:", "> self._latest_ns << 99:", ("tests/io/test_equal_times.py", "tests/io/test_video.py"),
+    ),
+    Fault(
+        431, "seeds: those before the first picture are found late", "api.py",
+        "if seed.frame_index < source.first_index:", "if seed.frame_index < 0:", (MUTANTS,),
     ),
 )  # fmt: skip
 

@@ -76,3 +76,9 @@ def test_a_clock_that_starts_again_goes_on_a_picture_later() -> None:
     assert stamps(Picture(0), Picture(5000), Picture(0), Picture(40)) == [
         (0, True), (5 * s, True), (5 * s + s // 25, False), (5 * s + 2 * s // 25, True),
     ]  # fmt: skip
+
+
+def test_a_stamp_beyond_what_int64_can_hold_is_none() -> None:
+    clock = _Clock(Stream(), 0, 10**18)  # type: ignore[arg-type]
+    found = [clock.stamp(picture) for picture in (Picture(0), Picture(10**18), Picture(80))]  # type: ignore[arg-type]
+    assert found == [(0, True), (40 * 10**6, False), (80 * 10**6, True)]

@@ -14,23 +14,24 @@ CODECS = {"h264": ("h264_mp4toannexb", "h264"), "hevc": ("hevc_mp4toannexb", "h2
 """FFmpeg's codec to its bitstream filter and to the name viewers know."""
 
 
-def units(data: bytes, format_: str) -> list[tuple[int, bytes]]:
-    """The NAL units of an Annex B byte stream (h264 or h265) as (type, bytes without start code)."""
-    found = []
-    for start, end in _spans(data):
-        unit = data[start:end].rstrip(b"\0")
+def units(data: bytes, format_: str) -> Iterator[tuple[int, bytes]]:
+    """The NAL units of an Annex B byte stream (h264 or h265) as (type, bytes without start code).
+
+    Zeros before the next start code belong to it or are padding; what is nothing else is no unit.
+    """
+    at = data.find(b"\0\0\1")
+    while at >= 0:
+        after = data.find(b"\0\0\1", at + 3)
+        unit = data[at + 3 : after if after >= 0 else len(data)].rstrip(b"\0")
         if unit:
-            found.append((_kind(unit[0], format_), unit))
-    return found
+            yield (unit[0] & 31 if format_ == "h264" else unit[0] >> 1 & 63), unit
+        at = after
 
 
 def is_key_picture(data: bytes, format_: str) -> bool:
     """Whether an access unit (h264, h265: Annex B; av1; vp9) can be decoded without those before it."""
     if format_ in ("h264", "h265"):
-        for start, end in _spans(data):
-            if start == end:
-                continue
-            kind = _kind(data[start], format_)
+        for kind, _ in units(data, format_):
             if kind == 5 if format_ == "h264" else 16 <= kind <= 21:
                 return True
             if kind == 1 if format_ == "h264" else kind < 16:
@@ -39,19 +40,6 @@ def is_key_picture(data: bytes, format_: str) -> bool:
     if format_ == "vp9":
         return bool(data) and not data[0] & 0x0C
     return any(data[at] >> 3 & 15 == 1 for at in (0, 2) if at < len(data))  # AV1: a sequence header
-
-
-def _spans(data: bytes) -> Iterator[tuple[int, int]]:
-    """Start and end of what is between start codes; zeros before the next code belong to it or are padding."""
-    at = data.find(b"\0\0\1")
-    while at >= 0:
-        after = data.find(b"\0\0\1", at + 3)
-        yield at + 3, after if after >= 0 else len(data)
-        at = after
-
-
-def _kind(header: int, format_: str) -> int:
-    return header & 31 if format_ == "h264" else header >> 1 & 63
 
 
 class AnnexB:
@@ -68,7 +56,7 @@ class AnnexB:
         self._known: dict[int, bytes] = {}
         extradata = stream.codec_context.extradata or b""
         if extradata.startswith((b"\0\0\1", b"\0\0\0\1")):
-            self._remember(units(extradata, self.format))
+            self._remember(list(units(extradata, self.format)))
 
     @property
     def complete(self) -> bool:
@@ -81,7 +69,7 @@ class AnnexB:
         data = b"".join(bytes(part) for part in self._filter.filter(packet))
         if not may_be_key:
             return EncodedPicture(data, self.format, False)
-        found = units(data, self.format)
+        found = list(units(data, self.format))
         kinds = [kind for kind, _ in found]
         self._remember(found)
         key = any(kind in self._KEYS[self._codec] for kind in kinds)
