@@ -232,7 +232,7 @@ def test_there_are_two_hundred_of_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("where", "name", "content"), rows(), ids=lambda value: None if isinstance(value, bytes) else ""
+    ("where", "name", "content"), list(rows()), ids=lambda value: None if isinstance(value, bytes) else ""
 )
 def test_what_nobody_means_is_one_line_and_leaves_nothing(
     clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str, name: str, content: str | bytes
