@@ -157,8 +157,8 @@ def _time_ns(flag: str, text: str | None) -> int | None:
         stamp_ns = parse_time_ns(text)
     except ValueError:
         raise UsageError(f"{flag} {short(text)} {_NO_TIME}") from None
-    if stamp_ns < 0:
-        raise UsageError(f"{flag} {short(text)} is before 1970, a time that MCAP cannot hold")
+    if not 0 <= stamp_ns < 1 << 63:
+        raise UsageError(f"{flag} {short(text)} is before 1970 or after 2262, a time that a recording cannot hold")
     return stamp_ns
 
 

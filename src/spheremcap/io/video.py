@@ -292,7 +292,7 @@ def _start(
             created_ns = parse_time_ns(metadata["creation_time"])
         except (KeyError, ValueError, OverflowError):
             continue
-        if created_ns > 0:
+        if 0 < created_ns < _END_OF_TIME_NS // 2:  # after 2116 it is no time of a camera's
             return created_ns, "creation-time"
     return 0, "zero"
 
