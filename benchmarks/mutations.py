@@ -51,7 +51,11 @@ EDGE, COLOUR = "tests/detection/test_edge.py", "tests/detection/test_colour.py"
 SHADING, REACQUIRED = "tests/detection/test_shading.py", "tests/verification/test_reacquired.py"
 SPHERE, KALMAN = "tests/positioning/test_sphere.py", "tests/positioning/test_kalman.py"
 
-INPUTS, VERBS_INPUTS, MUTANTS = "tests/abuse/test_inputs.py", "tests/cli/test_inputs.py", "tests/abuse/test_mutants.py"
+INPUTS, VERBS_INPUTS, MUTANTS = (
+    "tests/abuse/test_hostile_files.py",
+    "tests/cli/test_inputs.py",
+    "tests/abuse/test_damaged_files.py",
+)
 HOSTILE, RECORDS = "tests/abuse/test_settings.py", "tests/io/test_mcap_records.py"
 PICTURE, CALIBRATION, FOLDER = "tests/io/test_picture.py", "tests/io/test_calibration.py", "tests/io/test_folder.py"
 
