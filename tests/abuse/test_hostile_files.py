@@ -149,6 +149,25 @@ def test_one_such_picture_among_good_ones_is_counted(tmp_path: Path) -> None:
     assert "1 picture could not be decoded" in outcome.err
 
 
+def test_a_seed_on_a_picture_that_cannot_be_read_is_said_before_anything_is_written(tmp_path: Path) -> None:
+    good = cv2.imencode(".png", np.full((240, 320, 3), 90, np.uint8))[1].tobytes()
+    outcome = run("track", stills(tmp_path / "a.mcap", b"?", b"?", good, good), "-o", tmp_path / "out.mcap", *SEED)
+    one_line(outcome, 2, "seed of orange on frame 0", "starts on frame 2")
+    assert not list(tmp_path.glob("out*"))
+
+
+# --- stamps ---
+
+
+def test_one_stamp_of_another_century_is_said_and_asks_for_no_memory(tmp_path: Path) -> None:
+    from spheremcap.merge.sync import SyncError, track_acceleration
+
+    stamps = np.arange(100, dtype=np.int64) * 5_000_000
+    stamps[-1] = 2**62
+    with pytest.raises(SyncError, match="more than a day: one of its stamps must be damaged"):
+        track_acceleration(stamps, np.ones((100, 3)))
+
+
 # --- what is no file ---
 
 
