@@ -52,10 +52,6 @@ SHADING, REACQUIRED = "tests/detection/test_shading.py", "tests/verification/tes
 SPHERE, KALMAN = "tests/positioning/test_sphere.py", "tests/positioning/test_kalman.py"
 
 INPUTS, VERBS_INPUTS = "tests/abuse/test_hostile_files.py", "tests/cli/test_inputs.py"
-    "tests/abuse/test_hostile_files.py",
-    "tests/cli/test_inputs.py",
-    "tests/abuse/test_damaged_files.py",
-)
 HOSTILE, RECORDS = "tests/abuse/test_settings.py", "tests/io/test_mcap_records.py"
 PICTURE, CALIBRATION, FOLDER = "tests/io/test_picture.py", "tests/io/test_calibration.py", "tests/io/test_folder.py"
 
