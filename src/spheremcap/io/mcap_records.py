@@ -462,6 +462,7 @@ class McapRecords:
     def _index(self, piece: _Piece, data: _Data) -> _Entries:
         """The messages of a piece by log time; its schemas and channels are kept on the way."""
         entries = _no_entries()
+        time_of, start_of, end_of = entries.times.append, entries.starts.append, entries.ends.append
         position, end = 0, len(data)
         while position + 9 <= end:  # the common case, without the checks
             opcode, length = _HEADER.unpack_from(data, position)
@@ -471,7 +472,9 @@ class McapRecords:
                 position = body - 9
                 break
             if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
-                entries.add(int.from_bytes(data[body + 6 : body + 14], "little"), body, position)
+                time_of(int.from_bytes(data[body + 6 : body + 14], "little"))
+                start_of(body)
+                end_of(position)
             elif opcode in _IN_CHUNKS and _parsed(_KEPT[opcode], data[body:position]) is not None:
                 self._keep(opcode, data[body:position], piece.offset)
             elif opcode <= Opcode.DATA_END:
