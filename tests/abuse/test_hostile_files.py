@@ -168,6 +168,27 @@ def test_one_stamp_of_another_century_is_said_and_asks_for_no_memory(tmp_path: P
         track_acceleration(stamps, np.ones((100, 3)))
 
 
+def test_a_sensor_without_one_message_that_can_be_read_is_none(tmp_path: Path) -> None:
+    from spheremcap.io import recording as recordings
+    from spheremcap.io._pb import ImuSample
+
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        data = build_file_descriptor_set(ImuSample).SerializeToString()
+        channel = writer.register_channel(
+            "/sensors/imu", "protobuf", writer.register_schema(ImuSample.DESCRIPTOR.full_name, "protobuf", data)
+        )
+        for index in range(3):
+            writer.add_message(channel, index, b"\xff" * 9, index)
+        writer.finish()
+    opened = recordings.open(path)
+    assert opened.sensors == {}
+    assert "/sensors/imu: 3 messages not as the schema says" in str(opened.damage)
+    one_line(run("sync", path, "--marker", "orange", "--sensor", "imu"), 2, "no marker 'orange'")
+
+
 # --- what is no file ---
 
 

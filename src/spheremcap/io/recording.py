@@ -265,7 +265,7 @@ def open(path: str | os.PathLike[str]) -> Recording:
     return Recording(
         path=Path(path),
         tracks={name: rows.track(name) for name, rows in tracks.items()},
-        sensors={_sensor_name(rows.topic): rows.sensor() for rows in sensors.values()},
+        sensors={_sensor_name(rows.topic): rows.sensor() for rows in sensors.values() if len(rows)},
         requests=tuple(requests),
         camera=camera,
         runs=runs,
@@ -398,6 +398,9 @@ class _SensorRows:
         self.topic, self._decode = channel.topic, decode
         self._leaves: dict[str, tuple[str, ...]] | None = None
         self._stamp, self._own, self._numbers = array("q"), array("q"), array("d")
+
+    def __len__(self) -> int:
+        return len(self._stamp)
 
     def add(self, raw: RawMessage) -> None:
         """Raises UNREADABLE, and then has added nothing."""
