@@ -182,7 +182,9 @@ def abuse(wholes: list[Path], seeds: range, *, track_every: int, tally: Tally, s
 def faults(name: str, path: Path, folder: Path, outcome: Outcome) -> Iterator[str]:
     """What must not be: tracebacks, unknown exit codes, silence about errors, messages lost without a word."""
     if FAULT in outcome.err or "Traceback" in outcome.err:
-        yield outcome.err.strip().splitlines()[-1]
+        lines = outcome.err.strip().splitlines()
+        first = next(k for k, line in enumerate(lines) if FAULT in line or "Traceback" in line)
+        yield " | ".join(lines[max(0, first - 1) : first + 12])
     if outcome.code not in (0, 1, 2, 3):
         yield f"exit code {outcome.code}"
     if outcome.code and not outcome.err.strip():
