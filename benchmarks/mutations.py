@@ -10,7 +10,8 @@ what fails then is left out. Ends with 1 when a fault's text is not found any mo
 Faults up to 34 have the numbers of a reader's review of an early version, which 20 of its 35 faults escaped: these are
 they, in their present form. From 101 on they are of chain, status, checks, session, optics, whereabouts, verifier and
 follower, from 181 on of what edges, outline and filter make of what they know beforehand, from 211 on of shading,
-softness, exposure and returns, from 301 on of merge, from 401 on of output files and of how runs end.
+softness, exposure and returns, from 301 on of merge, from 401 on of output files and of how runs end, from 501 on of
+what comes from outside.
 """
 
 import argparse
@@ -59,6 +60,10 @@ TIMES = "tests/merging/test_times.py"
 TABLES = "tests/merging/test_tables.py"
 GPMF = "tests/merging/test_gpmf.py"
 MERGE_CLI = "tests/cli/test_merge.py"
+INPUTS, VERBS_INPUTS = "tests/abuse/test_hostile_files.py", "tests/cli/test_inputs.py"
+HOSTILE, RECORDS = "tests/abuse/test_settings.py", "tests/io/test_mcap_records.py"
+PICTURE, CALIBRATION, FOLDER = "tests/io/test_picture.py", "tests/io/test_calibration.py", "tests/io/test_folder.py"
+
 FAULTS = (
     Fault(
         1, "points: no forward-backward check", "tracking/points.py",
@@ -804,6 +809,143 @@ FAULTS = (
         436, "outputs: recover does not say that the run was cut off", "io/recover.py",
         "if any(\"no footer\" in loss.what for loss in records.lost):",
         "if False:", (RECOVER,),
+    ),
+    # -- what comes from outside
+    Fault(
+        501, "chunk: a zstd frame is believed about its size", "io/mcap_records.py",
+        "elif size == limit and zstandard.frame_content_size(stored) in (-1, size):", "elif size == limit:", (INPUTS,),
+    ),
+    Fault(
+        502, "chunk: lz4 is not held to the stated size", "io/mcap_records.py",
+        "data = lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1)",
+        "data = lz4.frame.LZ4FrameDecompressor().decompress(stored)", (INPUTS,),
+    ),
+    Fault(
+        503, "chunk: the largest there may be is not looked at", "io/mcap_records.py",
+        "limit = min(size, LARGEST_CHUNK_BYTES)", "limit = size", (INPUTS,),
+    ),
+    Fault(
+        504, "statistics: fewer messages pass", "io/mcap_records.py",
+        "if stated != given and id_ not in self._compared:", "if stated < given and id_ not in self._compared:",
+        (VERBS_INPUTS,),
+    ),
+    Fault(
+        505, "statistics: metadata records are not counted", "io/mcap_records.py",
+        '("metadata records", stated.metadata_count, Opcode.METADATA),', "", (RECORDS,),
+    ),
+    Fault(
+        506, "data section: its checksum is not compared", "io/mcap_records.py",
+        "for at in range(0, end if stated else 0, 1 << 20):", "for at in range(0, 0, 1 << 20):", (RECORDS,),
+    ),
+    Fault(
+        507, "chunks: each reading opens its own", "io/mcap_records.py",
+        "data = self._opened.pop(piece.offset, None)", "data = None", (RECORDS,),
+    ),
+    Fault(
+        508, "still: the size is not looked at", "io/picture.py",
+        "    check_size(*size)\n    try:", "    try:", (INPUTS,),
+    ),
+    Fault(
+        509, "jpeg: a look-alike inside a comment is its size", "io/picture.py",
+        'at += (1 if kind == 0xFF else 2) if alone else 2 + int.from_bytes(data[at + 2 : at + 4], "big")', "at += 2",
+        (PICTURE,),
+    ),
+    Fault(
+        510, "jpeg: one that is cut is whole", "io/picture.py",
+        'return is_jpeg(data) and data.find(b"\\xff\\xd9", start) < 0', "return False", (PICTURE,),
+    ),
+    Fault(
+        511, "picture: untagged is BT.601 at every size", "io/picture.py",
+        '"bt709" if max(first.height, self.height_px) >= 720 else "bt601"', '"bt601"', (PICTURE,),
+    ),
+    Fault(
+        512, "picture: recordings say full range for all", "io/mcap_images.py",
+        "self._frame = Pictures(picture).frame",
+        "picture.color_range = 2; self._frame = Pictures(picture).frame", (PICTURE,),
+    ),
+    Fault(
+        513, "Annex B: an empty unit is one", "io/annex_b.py",
+        "        if unit:\n", "        if end > start:\n", ("tests/io/test_annex_b.py",),
+    ),
+    Fault(
+        514, "Annex B: what comes before a slice does not matter", "io/annex_b.py",
+        "if kind == 1 if format_ == \"h264\" else kind < 16:", "if kind == 1 if format_ == \"h264\" else kind < 1:",
+        ("tests/io/test_annex_b.py",),
+    ),
+    Fault(
+        515, "calibration: an unknown model is plumb_bob", "io/calibration.py",
+        "    if name not in _MODELS:", "    if name not in _MODELS and not d:", (CALIBRATION,),
+    ),
+    Fault(
+        516, "calibration: the uncertainty is lost on the way back", "io/recording.py",
+        'camera_of(fields, "the recording", focal_sd=focal_sd_of(channel.metadata))',
+        'camera_of(fields, "the recording")',
+        (CALIBRATION,),
+    ),
+    Fault(
+        517, "calibration: coefficients are cut instead of filled up", "io/calibration.py",
+        "length = next((n for n in _LENGTHS[model] if n >= len(d)), None)",
+        "length = next((n for n in _LENGTHS[model] if n >= len(d)), max(_LENGTHS[model]))", (CALIBRATION,),
+    ),
+    Fault(
+        518, "settings: nan is a number", "core/stage.py",
+        "if not math.isfinite(value) or (abs(value) > _FARTHEST and not bounded):",
+        "if abs(value) > _FARTHEST and not bounded:", (HOSTILE,), "pydantic's allow_inf_nan refuses it as well",
+    ),
+    Fault(
+        519, "settings: no number is too large", "core/stage.py",
+        "if not math.isfinite(value) or (abs(value) > _FARTHEST and not bounded):", "if not math.isfinite(value):",
+        (HOSTILE,),
+    ),
+    Fault(
+        520, "settings: true is 1", "core/stage.py", "            if numeric:\n", "            if not numeric:\n",
+        (HOSTILE,),
+    ),
+    Fault(
+        521, "markers: 40 m across is fine", "config.py", "if not 0.001 <= diameter_m <= 1:",
+        "if not 0.001 <= diameter_m:",
+        (HOSTILE,),
+    ),
+    Fault(
+        522, "seeds: two of a marker on one frame of a file", "config.py", "        if same != number:",
+        "        if same > number:",
+        (HOSTILE,),
+        "the session refuses them as well, only later and without the file's name",
+    ),
+    Fault(
+        523, "toml: a byte order mark is text", "io/toml_file.py", '"utf-16" if utf16 else "utf-8-sig"', '"utf-8"',
+        (HOSTILE,),
+    ),
+    Fault(
+        525, "folder: a missing number takes no time", "io/folder.py",
+        "return [((number - first) // step, numbers[number]) for number in sorted(numbers)]",
+        "return [(index, numbers[number]) for index, number in enumerate(sorted(numbers))]", (FOLDER,),
+    ),
+    Fault(
+        526, "folder: steps are gaps", "io/folder.py",
+        "step = math.gcd(*(number - first for number in numbers)) or 1", "step = 1", (FOLDER,),
+    ),
+    Fault(
+        527, "info: damaged messages are passed over", "io/mcap_records.py",
+        "self._undecodable[topic] = (count + 1, first)", "self._undecodable = {}", (VERBS_INPUTS,),
+    ),
+    Fault(
+        528, "info --check: only our own topics", "io/summary.py",
+        "for raw in records.messages(None if check else ours):", "for raw in records.messages(ours):", (VERBS_INPUTS,),
+    ),
+    Fault(
+        529, "main: a fault of our own goes through", "cli/__init__.py",
+        "    except Exception as error:\n",
+        "    except ArithmeticError as error:\n        raise\n    except Exception as error:\n",
+        (INPUTS,),
+    ),
+    Fault(
+        530, "clock: a stamp after the end of time counts", "io/video.py",
+        "> self._latest_ns:", "> self._latest_ns << 99:", ("tests/io/test_equal_times.py", "tests/io/test_video.py"),
+    ),
+    Fault(
+        531, "seeds: those before the first picture are found late", "api.py",
+        "if seed.frame_index < source.first_index:", "if seed.frame_index < 0:", (INPUTS,),
     ),
 )  # fmt: skip
 

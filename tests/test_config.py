@@ -79,7 +79,7 @@ def test_what_is_not_toml_or_not_there_says_so(settings_file, tmp_path):
         load_settings(settings_file("this is = = not"))
     with pytest.raises(SettingsError, match="no such file"):
         load_settings(tmp_path / "missing.toml")
-    with pytest.raises(SettingsError, match="cannot be read"):
+    with pytest.raises(SettingsError, match="is a folder"):
         load_settings(tmp_path)
 
 
@@ -167,12 +167,12 @@ def test_settings_do_not_change():
 
 # -- seeds -----------------------------------------------------------------------------------------
 
-numbers = st.floats(-1e5, 1e5, allow_nan=False)
+numbers = st.floats(-1e5, 1e5)
 seeds = st.builds(
     Seed,
     st.text("abcXYZ019_", min_size=1, max_size=12),
     st.integers(0, 10**6),
-    st.builds(Circle, numbers, numbers, numbers),
+    st.builds(Circle, numbers, numbers, st.floats(1e-3, 1e5)),
 )
 
 
@@ -207,7 +207,7 @@ def test_what_is_no_seed_says_what_one_looks_like(text):
         parse_seed(text)
 
 
-@given(st.lists(seeds, max_size=4))
+@given(st.lists(seeds, max_size=4, unique_by=lambda seed: (seed.marker, seed.frame_index)))
 def test_a_seeds_file_is_read_back_as_written(tmp_path_factory, given_seeds):
     path = tmp_path_factory.getbasetemp() / "seeds.toml"
     path.write_text(seeds_toml(given_seeds), encoding="utf-8")

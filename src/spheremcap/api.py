@@ -9,6 +9,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -25,13 +26,13 @@ from spheremcap.core.time import NS_PER_S, format_time
 from spheremcap.detection.aspect import pixel_aspect
 from spheremcap.errors import UsageError
 from spheremcap.io.ahead import ahead, in_order
-from spheremcap.io.camera_file import read_camera_info
+from spheremcap.io.calibration import read_camera_info
 from spheremcap.io.encode import H264Encoder, jpeg_encode
 from spheremcap.io.join import Join
-from spheremcap.io.mcap_images import McapImageSource
 from spheremcap.io.mcap_log import McapLog, RunInfo
 from spheremcap.io.output import SharedWriter, checked_output, open_output
 from spheremcap.io.recording import Recording, open
+from spheremcap.io.source import Source as FrameSource
 from spheremcap.io.sources import CameraView, FromMcap, open_input
 from spheremcap.io.video import VideoSource
 from spheremcap.merging.dataset import Dataset, Source, merge
@@ -125,6 +126,8 @@ def resolve_camera(
     else:
         note = "no camera given: circles are written, positions in metres are not; give --camera"
         return assumed_camera(square_px, height_px).scaled(width_px, height_px), False, note + shape
+    if settings.focal_sd:
+        camera = replace(camera, focal_sd=settings.focal_sd)
     if (camera.width_px, camera.height_px) != (width_px, height_px):
         if square_px != width_px and camera.width_px * height_px == camera.height_px * square_px:
             return camera.scaled(width_px, height_px), True, note + shape
@@ -138,7 +141,7 @@ def resolve_camera(
     return camera, True, note
 
 
-def aspect_of(source: VideoSource | McapImageSource, seeds: Sequence[Seed]) -> tuple[float, str]:
+def aspect_of(source: FrameSource, seeds: Sequence[Seed]) -> tuple[float, str]:
     """How much wider than high a video's pixels are, and who says so: the video, else the outline of its first seed, if
     that is among the first `_AHEAD` frames and plainly that of an ellipse. Without seeds the video alone is asked."""
     first = min(seeds, key=lambda seed: seed.frame_index, default=None)
@@ -165,6 +168,7 @@ def track(
     inputs: Sequence[Path] = (),
     overwrite: bool = False,
     start_time_ns: int | None = None,
+    rate: Fraction | None = None,
     mcap: FromMcap | None = None,
     progress: Progress = lambda done, total: None,
     stop: Callable[[], bool] = lambda: False,
@@ -174,14 +178,15 @@ def track(
     Markers that only the seeds name get the default diameter. With several image topics, each is a camera of its
     own, and a seed's marker is named after the camera's topic: `front/left_wrist` is on /front/image. `folder` is
     where relative paths in the settings start, `inputs` the files that settings and seeds came from: the output must be
-    none of them. `start_time_ns` is for videos, `mcap` for recordings. `stop` is asked before every frame and ends the
-    recording there, readable under OUT.part. Raises SpheremcapError.
+    none of them. `start_time_ns` is for videos and folders of pictures, `rate` (pictures a second) for folders, `mcap`
+    for recordings. `stop` is asked before every frame and ends the recording there, readable under OUT.part. Raises
+    SpheremcapError.
     """
     path, out = Path(source_path), Path(output)
     given_files = [path, *inputs] + ([folder / settings.camera.file] if settings.camera.file is not None else [])
     checked_output(out, given_files, overwrite=overwrite)
     packets = settings.output.video in ("auto", "passthrough")
-    with open_input(path, mcap, start_time_ns=start_time_ns, packets=packets) as given:
+    with open_input(path, mcap, start_time_ns=start_time_ns, rate=rate, packets=packets) as given:
         report = TrackReport(out)
         shared = RunInfo(path.name, *_fingerprint(path))
         cameras = [_Camera(*one, folder, shared) for one in _by_camera(given.views, settings, seeds)]
@@ -235,8 +240,12 @@ class _Camera:
                     f"{source.path}: seed of {seed.marker} on frame {seed.frame_index}: "
                     f"there are {last} frames (0 to {last - 1})"
                 )
-        self._first_seed = min(seeds, key=lambda seed: seed.frame_index, default=None)
-        beside = None if settings.camera.given else view.calibration
+            if seed.frame_index < source.first_index:
+                raise UsageError(
+                    f"{source.path}: seed of {seed.marker} on frame {seed.frame_index}: "
+                    f"tracking starts on frame {source.first_index}"
+                )
+        beside = None if settings.camera.given else source.calibration
         camera, metric, camera_note = resolve_camera(
             settings.camera, source.width_px, source.height_px, folder, beside,
             *aspect_of(source, [] if settings.camera.given or beside is not None else seeds),
@@ -256,13 +265,14 @@ class _Camera:
         self._calibration = camera if writes_calibration else None
         pictures = _PICTURE_TOPICS.get(settings.output.video)
         self._topics = view.topics(pictures=pictures, calibration=writes_calibration)
-        more = {"image_topic": view.topic, "camera_note": camera_note}
+        more = {"image_topic": source.topic, "camera_note": camera_note}
         self._run = replace(
-            run, time_source=view.time_source, video=video_note, settings_toml=settings.to_toml(),
+            run, time_source=source.time_source, video=video_note, settings_toml=settings.to_toml(),
             seeds_toml=seeds_toml(list(seeds)), more={key: text for key, text in more.items() if text},
         )  # fmt: skip
         self._statuses = {spec.name: Counter[Status]() for spec in self._specs}
         self._before: dict[str, Status] = {}
+        self._measured: dict[str, MarkerEstimate] = {}
         self._frames = self._requests = 0
 
     def begin(self, writer: SharedWriter) -> McapLog:
@@ -284,14 +294,9 @@ class _Camera:
 
         def frames() -> Iterator[Frame]:
             nonlocal stopped
-            for number, (frame, picture) in enumerate(pictures):
+            for frame, picture in pictures:
                 if stopped := not go_on():
                     return
-                seed = self._first_seed
-                if number == 0 and seed is not None and seed.frame_index < frame.index:
-                    raise UsageError(
-                        f"seed of {seed.marker} on frame {seed.frame_index}: tracking starts on frame {frame.index}"
-                    )
                 full = self._output.debug_images == "full" and overview_due(frame.stamp_ns)
                 waiting.append((picture, frame.reduced(step) if full else None))
                 yield frame
@@ -315,6 +320,8 @@ class _Camera:
         self._requests += len(result.requests)
         for estimate in result.estimates:
             self._statuses[estimate.marker][estimate.status] += 1
+            if estimate.status.measured:
+                self._measured[estimate.marker] = estimate
             _log_change(self._log, estimate, self._before)
         self._log.write(result, picture, overview, step)
 
@@ -322,7 +329,7 @@ class _Camera:
         """Finish this camera's part, and put what it did into the report; `stamp_ns` is the last log time of all."""
         name = self._view.name.strip("/")
         place = f"{name}/" if name else ""
-        gone = [f"{place}{m} is LOST at the end" for m, status in self._before.items() if status is Status.LOST]
+        gone = [self._lost_marker(place, m) for m, status in self._before.items() if status is Status.LOST]
         lost = [*self._view.lost(), *gone]
         for line in lost:
             self._log.log("WARNING", line, stamp_ns)
@@ -333,6 +340,18 @@ class _Camera:
         report.statuses |= {place + marker: counts for marker, counts in self._statuses.items()}
         report.notes += [f"{name}: {note}" if name else note for note in self._notes]
         report.lost += gone
+
+    def _lost_marker(self, place: str, marker: str) -> str:
+        """What to look at, and what to give, for a marker that is lost at the end."""
+        last = self._measured.get(marker)
+        said = f"{place}{marker} is LOST at the end"
+        if last is None or last.circle is None:
+            return f"{said}: it was never found after its seed; look whether the seed is on it"
+        c, frame = last.circle, last.frame_index
+        return (
+            f"{said}, last seen on frame {frame} at {c.x_px:.0f},{c.y_px:.0f} with radius {c.r_px:.0f}: look where it "
+            f"comes back after that, and run again with --seed {place}{marker}@FRAME=X,Y,R for that frame as well"
+        )
 
 
 def _by_camera(
@@ -355,7 +374,9 @@ def _by_camera(
     cameras = []
     for view, some in zip(views, own.values(), strict=True):
         if not some:
-            raise UsageError(f"no seed for {view.topic}: give one, --seed {view.name.strip('/')}/MARKER@FRAME=X,Y,R")
+            raise UsageError(
+                f"no seed for {view.source.topic}: give one, --seed {view.name.strip('/')}/MARKER@FRAME=X,Y,R"
+            )
         names = {seed.marker for seed in some}
         here = settings.model_copy(update={"markers": tuple(m for m in settings.markers if m.name in names)})
         cameras.append((view, _with_seeded_markers(here, some), some))
@@ -389,17 +410,16 @@ def _picture_maker(settings: Settings, view: CameraView) -> tuple[PictureMaker |
         return None, "no video written as asked"
     if kind == "jpeg":
         return jpeg_encode, "video written as JPEG pictures as asked"
-    rate = source.stated_rate if isinstance(source, VideoSource) else None
     if kind == "h264":
-        return H264Encoder(rate_hint=rate).encode, "video encoded as H.264 as asked"
+        return H264Encoder(rate_hint=source.stated_rate).encode, "video encoded as H.264 as asked"
     if view.copied:
-        return None, f"pictures of {view.topic} copied as they are"
-    reason = view.passthrough_reason
+        return None, f"pictures of {source.topic} copied as they are"
+    reason = source.passthrough_reason
     if reason is None:
-        return (lambda frame: frame.encoded), f"video passed through as recorded ({view.codec})"
+        return (lambda frame: frame.encoded), f"video passed through as recorded ({source.codec})"
     if kind == "passthrough":
         raise UsageError(f"{source.path}: --video passthrough: {reason}; use --video auto to encode it once")
-    return H264Encoder(rate_hint=rate).encode, f"video encoded once as H.264: {reason}"
+    return H264Encoder(rate_hint=source.stated_rate).encode, f"video encoded once as H.264: {reason}"
 
 
 class _Rate:
@@ -452,6 +472,13 @@ def _log_change(log: McapLog, estimate: MarkerEstimate, before: dict[str, Status
 
 
 def _fingerprint(path: Path) -> tuple[int, str]:
-    """Size in bytes and SHA-256 of a file."""
+    """Size in bytes and SHA-256 of a file, or of a folder's files one after another, by name."""
+    if path.is_dir():
+        whole, size = hashlib.sha256(), 0
+        for file_path in sorted(p for p in path.iterdir() if p.is_file()):
+            with file_path.open("rb") as file:
+                whole.update(hashlib.file_digest(file, "sha256").digest())
+            size += file_path.stat().st_size
+        return size, whole.hexdigest()
     with path.open("rb") as file:
         return path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()

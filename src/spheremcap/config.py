@@ -1,20 +1,23 @@
 """Settings: the stages' own configs, composed, and how they are written in TOML. The seeds file is read here too."""
 
 import re
-import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import tomli_w
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from spheremcap.chain import ChainConfig
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import MarkerSpec, Seed
 from spheremcap.core.stage import StageConfig
-from spheremcap.errors import SettingsError
+from spheremcap.errors import SettingsError, short
+from spheremcap.io.toml_file import first_problem, read_toml
 from spheremcap.session import SessionConfig
 
-_LENGTH = re.compile(r"\s*([0-9.]+)\s*(mm|cm|m|in)\s*")
+_LENGTH = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*(mm|cm|m|in)\s*", re.ASCII)
+_ALL_KEYS = "; `spheremcap config show` lists every key"
 _UNIT_M = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254}
 
 
@@ -23,16 +26,20 @@ class CameraSettings(StageConfig):
 
     preset: str | None = Field(None, description="name of a camera preset; see `spheremcap config presets`")
     file: str | None = Field(None, description="ROS camera_info YAML, relative to the settings file")
-    width_px: int | None = Field(None, gt=0, description="picture size the numbers are for")
-    height_px: int | None = Field(None, gt=0, description="picture size the numbers are for")
+    width_px: int | None = Field(None, gt=0, le=65535, description="picture size the numbers are for")
+    height_px: int | None = Field(None, gt=0, le=65535, description="picture size the numbers are for")
     fx_px: float | None = Field(None, gt=0, description="focal length, pixels")
     fy_px: float | None = Field(None, gt=0, description="focal length, pixels")
     cx_px: float | None = Field(None, description="principal point, pixels, integer = pixel centre")
     cy_px: float | None = Field(None, description="principal point, pixels, integer = pixel centre")
     model: Literal["none", "plumb_bob", "fisheye"] = Field("none", description="distortion model")
     distortion: tuple[float, ...] = Field((), description="k1 k2 p1 p2 [k3 [k4 k5 k6]] or, fisheye, k1 k2 k3 k4")
-    focal_sd: float = Field(0.0, ge=0, description="relative uncertainty of the focal length")
-    exposure_s: float = Field(0.0, ge=0, description="exposure time in seconds for the motion blur model; 0: unknown")
+    focal_sd: float = Field(
+        0.0, ge=0, le=1, description="relative uncertainty of the focal length; 0: what the camera's source says of it"
+    )
+    exposure_s: float = Field(
+        0.0, ge=0, le=1, description="exposure time in seconds for the motion blur model; 0: unknown"
+    )
     readout_s: float | None = Field(
         None,
         gt=-1,
@@ -59,24 +66,36 @@ class CameraSettings(StageConfig):
 class MarkerSettings(StageConfig):
     """One marker; its name becomes its topic."""
 
-    name: str = Field(pattern=r"^[A-Za-z0-9_]+$", description="letters, digits, underscores")
+    name: str = Field(pattern=r"^[A-Za-z0-9_]+$", max_length=100, description="letters, digits, underscores")
     diameter_m: float = Field(0.04, gt=0, description='true diameter in metres (or `diameter = "4 cm"`)')
 
     @model_validator(mode="before")
     @classmethod
     def _length(cls, data: Any) -> Any:
-        if isinstance(data, dict) and isinstance(data.get("diameter"), str):
-            found = _LENGTH.fullmatch(data["diameter"])
-            if not found:
-                raise ValueError(f'diameter {data["diameter"]!r} is not a length such as "4 cm"')
+        if isinstance(data, dict) and "diameter" in data:
             if "diameter_m" in data:
                 raise ValueError("give diameter or diameter_m, not both")
-            data = {k: v for k, v in data.items() if k != "diameter"}
-            data["diameter_m"] = float(found[1]) * _UNIT_M[found[2]]
+            data = {k: v for k, v in data.items() if k != "diameter"} | {"diameter_m": length_m(data["diameter"])}
         return data
+
+    @field_validator("diameter_m")
+    @classmethod
+    def _size_of_a_marker(cls, diameter_m: float) -> float:
+        if not 0.001 <= diameter_m <= 1:
+            unit = f"; if millimetres were meant, it is {diameter_m / 1000:g}" if diameter_m > 1 else ""
+            raise ValueError(f"{diameter_m:g} m is no marker's size (1 mm to 1 m){unit}")
+        return diameter_m
 
     def spec(self) -> MarkerSpec:
         return MarkerSpec(self.name, self.diameter_m)
+
+
+def length_m(text: Any) -> float:
+    """Metres of a length with its unit, such as "4 cm". Raises ValueError."""
+    found = _LENGTH.fullmatch(text) if isinstance(text, str) else None
+    if not found:
+        raise ValueError(f'diameter {short(text)} is not a length such as "4 cm"')
+    return float(found[1]) * _UNIT_M[found[2]]
 
 
 class OutputSettings(StageConfig):
@@ -86,7 +105,7 @@ class OutputSettings(StageConfig):
         "auto", description="auto: as recorded when a viewer can play it, else encoded once as H.264"
     )
     debug_images: Literal["none", "crops", "full"] = Field("crops", description="debug pictures of each marker")
-    debug_rate_hz: float = Field(4.0, gt=0, description="debug pictures a second and marker, at most")
+    debug_rate_hz: float = Field(4.0, gt=0, le=1000, description="debug pictures a second and marker, at most")
     compression: Literal["zstd", "lz4", "none"] = Field("zstd", description="MCAP chunk compression")
 
 
@@ -109,100 +128,134 @@ class Settings(StageConfig):
         return markers
 
     def to_toml(self) -> str:
-        """Every key with its value, as TOML that `load_settings` reads back."""
-        return "\n".join(_toml_lines(self.model_dump(exclude_none=True), ())).strip() + "\n"
+        """Every key that has a value, as TOML that `load_settings` reads back."""
+        tables = self.model_dump(exclude_none=True, exclude={"markers"})
+        return tomli_w.dumps(tables) + "".join("\n" + marker_toml(marker) for marker in self.markers)
+
+
+def marker_toml(marker: MarkerSettings) -> str:
+    """A marker's table."""
+    return "[[markers]]\n" + tomli_w.dumps(marker.model_dump())
 
 
 def load_settings(path: Path) -> Settings:
     """Read a settings file. Raises SettingsError with the key and what was expected."""
     try:
-        return Settings.model_validate(_read_toml(path))
+        return Settings.model_validate(read_toml(path))
     except ValidationError as error:
-        raise SettingsError(f"{path}: {_first_problem(error)}") from error
+        raise SettingsError(f"{path}: {first_problem(error, _ALL_KEYS)}") from error
+
+
+def with_camera(settings: Settings, text: str) -> Settings:
+    """The settings with another camera: a preset's name, or the path of a camera_info YAML. Raises SettingsError."""
+    given: dict[str, Any] = {"exposure_s": settings.camera.exposure_s, "readout_s": settings.camera.readout_s}
+    if text.endswith((".yaml", ".yml")):
+        given["file"] = str(Path(text).absolute())
+    else:
+        given["preset"] = text
+    return settings.model_copy(update={"camera": CameraSettings(**given)})
+
+
+def with_diameter(settings: Settings, seeds: Sequence[Seed], text: str) -> Settings:
+    """Settings that list the markers of the seeds with a diameter such as "4 cm". Raises SettingsError for one that is
+    none, or where the settings list markers already.
+    """
+    if settings.markers:
+        raise SettingsError(f"--diameter {short(text)}: the settings list their markers, each with its own")
+    names = dict.fromkeys(seed.marker.rpartition("/")[2] for seed in seeds)
+    try:
+        markers = tuple(MarkerSettings(name=name, diameter_m=length_m(text)) for name in names)
+    except ValidationError as error:
+        raise SettingsError(f"--diameter {short(text)}: {first_problem(error)}") from error
+    except ValueError as error:
+        raise SettingsError(f"--diameter: {error}") from error
+    return settings.model_copy(update={"markers": markers})
+
+
+class _SeedRow(StageConfig):
+    """A seed as it is given: in a file, or in a text once its parts are numbers."""
+
+    marker: str = Field(min_length=1, max_length=300)
+    frame: int = Field(ge=0, le=10**9)
+    x_px: float = Field(ge=-1e5, le=1e5)
+    y_px: float = Field(ge=-1e5, le=1e5)
+    r_px: float = Field(gt=0, le=1e5)
+
+    def seed(self) -> Seed:
+        return Seed(self.marker, self.frame, Circle(self.x_px, self.y_px, self.r_px))
 
 
 def load_seeds(path: Path) -> list[Seed]:
     """Read a seeds file: [[seeds]] with marker, frame, x_px, y_px, r_px. Raises SettingsError."""
-    rows = _read_toml(path)
+    rows = read_toml(path)
     if set(rows) != {"seeds"} or not isinstance(rows["seeds"], list):
         raise SettingsError(f"{path}: expected [[seeds]] tables with marker, frame, x_px, y_px, r_px")
-    seeds = []
+    seeds: list[Seed] = []
+    numbers: dict[tuple[str, int], int] = {}
     for number, row in enumerate(rows["seeds"], 1):
-        if not isinstance(row, dict) or set(row) != {"marker", "frame", "x_px", "y_px", "r_px"}:
+        if not isinstance(row, dict) or set(row) != set(_SeedRow.model_fields):
             raise SettingsError(f"{path}: seed {number} must have marker, frame, x_px, y_px and r_px, nothing else")
         try:
-            circle = Circle(float(row["x_px"]), float(row["y_px"]), float(row["r_px"]))
-            seeds.append(Seed(str(row["marker"]), int(row["frame"]), circle))
-        except (TypeError, ValueError) as error:
-            raise SettingsError(f"{path}: seed {number}: {error}") from error
+            seed = _SeedRow.model_validate(row).seed()
+        except ValidationError as error:
+            raise SettingsError(f"{path}: seed {number}: {first_problem(error)}") from error
+        same = numbers.setdefault((seed.marker, seed.frame_index), number)
+        if same != number:
+            raise SettingsError(
+                f"{path}: seeds {same} and {number} are both of {seed.marker} on frame {seed.frame_index}: "
+                "keep the right one"
+            )
+        seeds.append(seed)
     return seeds
 
 
-def seeds_toml(seeds: list[Seed]) -> str:
+def seeds_toml(seeds: Sequence[Seed]) -> str:
     """A seeds file's text, which `load_seeds` reads back."""
-    return "\n".join(
-        f'[[seeds]]\nmarker = "{s.marker}"\nframe = {s.frame_index}\n'
-        f"x_px = {s.circle.x_px!r}\ny_px = {s.circle.y_px!r}\nr_px = {s.circle.r_px!r}\n"
+    rows = [
+        {
+            "marker": s.marker,
+            "frame": s.frame_index,
+            "x_px": s.circle.x_px,
+            "y_px": s.circle.y_px,
+            "r_px": s.circle.r_px,
+        }
         for s in seeds
-    )
+    ]
+    return "\n".join("[[seeds]]\n" + tomli_w.dumps(row) for row in rows)
 
 
-_SEED = re.compile(r"([A-Za-z0-9_]+)@(\d+)=([-+0-9.eE]+),([-+0-9.eE]+),([-+0-9.eE]+)")
+_SEED = re.compile(r"(?P<marker>[^@]*)@(?P<frame>[^=]*)=(?P<x>[^,]*),(?P<y>[^,]*),(?P<r>[^,]*)")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d{1,3})?", re.ASCII)
 
 
 def parse_seed(text: str) -> Seed:
     """`left_wrist@0=812,430,24`: marker, frame, centre and radius in pixels. Raises SettingsError."""
-    found = _SEED.fullmatch(text.strip())
     try:
-        if found is None:
-            raise ValueError
-        return Seed(found[1], int(found[2]), Circle(float(found[3]), float(found[4]), float(found[5])))
-    except ValueError:
-        raise SettingsError(f"seed {text!r} is not MARKER@FRAME=X,Y,R, such as left_wrist@0=812,430,24") from None
+        return _seed_of(text.strip())
+    except ValueError as error:
+        raise SettingsError(
+            f"seed {short(text)}: {error}; expected MARKER@FRAME=X,Y,R, such as left_wrist@0=812,430,24"
+        ) from None
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
+def _seed_of(text: str) -> Seed:
+    """Raises ValueError that names the part of the seed that is wrong."""
+    found = _SEED.fullmatch(text)
+    if found is None:
+        commas = text.partition("=")[2].count(",")
+        numbers = f"{commas + 1} number{'s' * (commas > 0)} after =, not 3"
+        raise ValueError("no @ in it" if "@" not in text else "no = in it" if "=" not in text else numbers)
+    if not re.fullmatch(r"[A-Za-z0-9_]+", found["marker"], re.ASCII):
+        raise ValueError(f"the marker {short(found['marker'])} is not letters, digits and underscores")
+    if not re.fullmatch(r"[0-9]{1,10}", found["frame"]):
+        raise ValueError(f"the frame {short(found['frame'])} is not a whole number from 0 on")
+    for name in "xyr":
+        if not _NUMBER.fullmatch(found[name].strip()):
+            raise ValueError(f"{name} {short(found[name])} is not a number")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise SettingsError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise SettingsError(f"{path}: cannot be read: {error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise SettingsError(f"{path}: not TOML: {error}") from error
-
-
-def _first_problem(error: ValidationError) -> str:
-    first = error.errors()[0]
-    key = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        return f"unknown key {key!r}; `spheremcap config show` lists every key"
-    return f"{key}: {first['msg']} (found {first['input']!r})" if key else str(first["msg"])
-
-
-def _toml_lines(table: dict[str, Any], path: tuple[str, ...]) -> list[str]:
-    lines = []
-    plain = {k: v for k, v in table.items() if not _is_table(v)}
-    if plain and path:
-        lines += ["", f"[{'.'.join(path)}]"]
-    lines += [f"{key} = {_toml_value(value)}" for key, value in plain.items()]
-    for key, value in table.items():
-        if isinstance(value, dict):
-            lines += _toml_lines(value, (*path, key))
-        elif _is_table(value):
-            for row in value:
-                lines += ["", f"[[{'.'.join((*path, key))}]]"]
-                lines += [f"{k} = {_toml_value(v)}" for k, v in row.items()]
-    return lines
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (isinstance(value, list | tuple) and bool(value) and isinstance(value[0], dict))
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml_value(v) for v in value) + "]"
-    return f'"{value}"' if isinstance(value, str) else repr(value)
+        return _SeedRow(
+            marker=found["marker"], frame=int(found["frame"]),
+            x_px=float(found["x"]), y_px=float(found["y"]), r_px=float(found["r"]),
+        ).seed()  # fmt: skip
+    except ValidationError as error:
+        raise ValueError(first_problem(error)) from None

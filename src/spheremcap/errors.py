@@ -19,3 +19,11 @@ class SourceError(SpheremcapError):
 
 class OutputError(SpheremcapError):
     """The output cannot be written: the disk is full, the folder is missing."""
+
+
+def short(found: object) -> str:
+    """What was found, for an error's one line: an exception's own words, anything else as Python writes it; cut off
+    where it gets long.
+    """
+    text = " ".join(str(found).split()) or type(found).__name__ if isinstance(found, BaseException) else repr(found)
+    return text if len(text) <= 160 else f"{text[:140]} ... ({len(text)} characters)"

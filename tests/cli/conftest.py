@@ -11,7 +11,12 @@ TESTS = Path(__file__).parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "merging"), str(TESTS / "io")]
 
 from clips import write_clip, write_recording  # noqa: E402
+from spheremcap import api  # noqa: E402
 from spheremcap.cli import main  # noqa: E402
+from spheremcap.cli.progress import loaded  # noqa: E402
+
+assert api.track  # what has to be compiled is, before stderr is looked at
+loaded()
 
 
 class Outcome(NamedTuple):

@@ -62,10 +62,10 @@ def test_bad_inputs_are_named_and_leave_nothing(run, clip, tmp_path):
     text = tmp_path / "text.mp4"
     text.write_text("not a video at all\n" * 50)
     refused(run("track", tmp_path / "none.mp4", "-o", out, *ONE), 1, out, "none.mp4", "no such file")
-    refused(run("track", tmp_path / "none.mcap", "-o", out, *ONE), 1, out, "none.mcap", "No such file")
+    refused(run("track", tmp_path / "none.mcap", "-o", out, *ONE), 1, out, "none.mcap", "no such file")
     folder = tmp_path / "folder"
     folder.mkdir()
-    refused(run("track", folder, "-o", out, *ONE), 1, out, folder, "folder")
+    refused(run("track", folder, "-o", out, *ONE), 2, out, folder, "folder", "--rate")
     refused(run("track", text, "-o", out, *ONE), 1, out, "text.mp4", "not a video")
     sound = tmp_path / "sound.wav"
     with av.open(str(sound), "w") as container:

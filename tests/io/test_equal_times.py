@@ -52,7 +52,7 @@ class Stream:
 
 
 def stamps(*pictures: Picture) -> list[tuple[int, bool]]:
-    clock = _Clock(Stream(), 0)  # type: ignore[arg-type]
+    clock = _Clock(Stream(), 0, 2**63)  # type: ignore[arg-type]
     return [clock.stamp(picture) for picture in pictures]  # type: ignore[arg-type]
 
 
@@ -68,7 +68,7 @@ def test_half_of_nothing_is_a_nanosecond() -> None:
     class Instant(Stream):
         average_rate = Fraction(10**9)
 
-    clock = _Clock(Instant(), 0)  # type: ignore[arg-type]
+    clock = _Clock(Instant(), 0, 2**63)  # type: ignore[arg-type]
     assert [clock.stamp(Picture(0, 0))[0] for _ in range(3)] == [0, 1, 2]  # type: ignore[arg-type]
 
 
@@ -77,3 +77,9 @@ def test_a_clock_that_starts_again_goes_on_a_picture_later() -> None:
     assert stamps(Picture(0), Picture(5000), Picture(0), Picture(40)) == [
         (0, True), (5 * s, True), (5 * s + s // 25, False), (5 * s + 2 * s // 25, True),
     ]  # fmt: skip
+
+
+def test_a_stamp_beyond_what_int64_can_hold_is_none() -> None:
+    clock = _Clock(Stream(), 0, 10**18)  # type: ignore[arg-type]
+    found = [clock.stamp(picture) for picture in (Picture(0), Picture(10**18), Picture(80))]  # type: ignore[arg-type]
+    assert found == [(0, True), (40 * 10**6, False), (80 * 10**6, True)]

@@ -81,7 +81,8 @@ def test_times_sequences_and_schemas_are_as_the_viewers_want_them(recorded):
             assert messages.stamp_of(decoded.timestamp) == message.log_time
     assert all(s == list(range(1, len(s) + 1)) for s in sequences.values())
     assert max(Counter(schema.name for schema in summary.schemas.values()).values()) == 1
-    assert not any(channel.metadata for channel in summary.channels.values())
+    told = {channel.topic: channel.metadata for channel in summary.channels.values() if channel.metadata}
+    assert told == {"/camera/calibration": {"focal_sd": "0.03"}}
     assert {index.compression for index in summary.chunk_indexes} == {"zstd"}
     with recorded.open("rb") as file:
         header = make_reader(file).get_header()

@@ -3,14 +3,19 @@
 What a verb works with is imported inside its function, so that help and errors of usage are there at once.
 """
 
+import os
 import sys
+import traceback
 
 import typer
 
 from spheremcap import __version__
 from spheremcap.cli import config, evaluate, experiment, export, info, merge, recover, sync, synth, track, tune
-from spheremcap.errors import SpheremcapError, UsageError
+from spheremcap.errors import SpheremcapError, UsageError, short
 from spheremcap.interrupt import Interrupted
+
+DEBUG = "SPHEREMCAP_DEBUG"
+"""When it is set, what is nobody's error but ours is shown with its trace."""
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -52,7 +57,7 @@ app.add_typer(config.app, name="config")
 
 
 def main() -> None:
-    """Run the command line; every error on purpose is one line on stderr and an exit code."""
+    """Run the command line; every error is one line on stderr and an exit code."""
     try:
         app()
     except UsageError as error:
@@ -65,4 +70,16 @@ def main() -> None:
         print(f"spheremcap: {str(error) or 'interrupted'}", file=sys.stderr)
         sys.exit(1)
     except BrokenPipeError:
+        # Whoever read has gone; Python would try once more to write what is left.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except Exception as error:
+        if os.environ.get(DEBUG):
+            traceback.print_exc()
+        else:
+            print(
+                f"spheremcap: a fault of spheremcap's own, please report it: {type(error).__name__}: {short(error)} "
+                f"(run the same with {DEBUG}=1 for the trace that belongs into the report)",
+                file=sys.stderr,
+            )
         sys.exit(1)

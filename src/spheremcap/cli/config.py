@@ -38,28 +38,46 @@ def presets() -> None:
 
 
 def _commented(settings: "Settings") -> str:
-    """The settings' TOML with each key's description behind it."""
-    notes: dict[tuple[str, str], str] = {}
-    _collect(settings, "", notes)
-    lines, table = [], ""
-    for line in settings.to_toml().splitlines():
-        if line.startswith("["):
-            table = line.strip("[]")
-        key = line.split(" = ")[0]
-        note = notes.get((table, key))
-        lines.append(f"{line}  # {note}" if note else line)
-    return "\n".join(lines) + "\n"
+    """The settings' TOML with each key's description: keys without a value, and a marker's table where there is none,
+    are comments.
+    """
+    from spheremcap.config import MarkerSettings
+
+    lines = _lines(settings, "")
+    markers = settings.markers or (MarkerSettings(name="left_wrist"),)
+    for marker in markers:
+        table = ["[[markers]]", *_keys(marker)]
+        lines += ["", *(table if settings.markers else [f"# {line}" for line in table])]
+    return "\n".join(lines).strip() + "\n"
 
 
-def _collect(model: "BaseModel", table: str, notes: dict[tuple[str, str], str]) -> None:
+def _lines(model: "BaseModel", table: str) -> list[str]:
+    """A table and those inside it."""
     from pydantic import BaseModel
 
-    for name, info in type(model).model_fields.items():
+    keys = _keys(model)
+    lines = ["", f"[{table}]", *keys] if keys else []
+    for name in type(model).model_fields:
+        inner = getattr(model, name)
+        if isinstance(inner, BaseModel):
+            lines += _lines(inner, f"{table}.{name}" if table else name)
+    return lines
+
+
+def _keys(model: "BaseModel") -> list[str]:
+    """Each plain key with its value and description."""
+    import tomli_w
+
+    lines = []
+    for name, field in type(model).model_fields.items():
         value = getattr(model, name)
-        path = f"{table}.{name}" if table else name
-        if isinstance(value, BaseModel):
-            _collect(value, path, notes)
-        elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
-            _collect(value[0], path, notes)
-        elif info.description:
-            notes[(table, name)] = info.description
+        if not field.description:  # a table of its own
+            continue
+        if value is None:
+            key = f"# {name} ="
+        elif isinstance(value, tuple):
+            key = f"{name} = [{', '.join(repr(number) for number in value)}]"
+        else:
+            key = tomli_w.dumps({name: value}).strip()
+        lines.append(f"{key}  # {field.description}")
+    return lines

@@ -1,4 +1,4 @@
-"""spheremcap info: what is inside an MCAP."""
+"""spheremcap info: what is inside a recording or a video."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,41 +8,78 @@ import typer
 from spheremcap.core.time import format_time
 
 if TYPE_CHECKING:
-    from spheremcap.io.recording import Summary
+    from spheremcap.io.summary import MarkerSummary, Summary
+    from spheremcap.io.video_summary import VideoSummary
 
 
-def info(file: Annotated[Path, typer.Argument(help="Any MCAP; one of ours says the most.")]) -> None:
-    """Say what is inside a recording: topics, and per marker its frames by status, longest gap and requests."""
+def info(
+    file: Annotated[Path, typer.Argument(help="Any MCAP (one of ours says the most), or a video.")],
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Read all of it: chunks, checksums, messages, pictures."),
+    ] = False,
+) -> None:
+    """Say what is inside a recording: per marker the share of its frames that is verified, then all else; or what a
+    video is, and whether its pictures go into a recording as they are.
+
+    Without --check only as much is read as that takes. Exit code 3 says that something in the file is damaged.
+    """
+    from spheremcap.io.input_file import is_recording
+
+    if is_recording(file):
+        from spheremcap.io.summary import summarise
+
+        lost = _recording(summarise(file, check=check), check)
+    else:
+        from spheremcap.io.video_summary import summarise_video
+
+        lost = _video(summarise_video(file, check=check))
+    for line in lost:
+        typer.echo(f"spheremcap: {line}", err=True)
+    if lost:
+        raise typer.Exit(3)
+
+
+def _recording(summary: "Summary", check: bool) -> list[str]:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
-    from spheremcap.io.recording import summarise
-
-    summary = summarise(file)
-    console = Console(highlight=False, soft_wrap=True)
+    for marker in summary.markers:
+        typer.echo(_plain(_marker(marker)))
+    for marker in summary.markers:
+        for request in marker.requests:
+            at = f"frame {request.frame_index} ({format_time(request.stamp_ns)})"
+            typer.echo(_plain(f"request: where is {marker.marker} on {at}? {request.reason}"))
     for line in _head(summary):
-        console.print(line, markup=False)
-    if summary.markers:
-        table = Table("marker", "frames", "by status", "longest gap", "requests", box=None, pad_edge=False)
-        for m in summary.markers:
-            by_status = ", ".join(f"{count} {name.lower()}" for name, count in m.frames_by_status.items() if count)
-            gap = f"{m.longest_gap_frames} frames, {m.longest_gap_s:.3f} s" if m.longest_gap_frames else "none"
-            table.add_row(m.marker, str(m.frames), by_status, gap, str(len(m.requests)))
-        console.print(table)
-        for m in summary.markers:
-            for request in m.requests:
-                console.print(
-                    f"request: where is {m.marker} on frame {request.frame_index} "
-                    f"({format_time(request.stamp_ns)})? {request.reason}",
-                    markup=False,
-                )
+        typer.echo(_plain(line))
     topics = Table("topic", "messages", "schema", "encoding", box=None, pad_edge=False)
     for t in summary.topics:
-        topics.add_row(t.topic, str(t.messages), t.schema, t.encoding)
-    console.print(topics)
-    if summary.damage is not None:
-        typer.echo(f"spheremcap: {summary.damage}", err=True)
-        raise typer.Exit(3)
+        topics.add_row(*(escape(_plain(cell)) for cell in (t.topic, str(t.messages), t.schema, t.encoding)))
+    Console(highlight=False, soft_wrap=True).print(topics)
+    if summary.unread_chunks:
+        typer.echo(
+            f"not looked into: most of its {summary.unread_chunks} chunks; the numbers of messages are the file's own. "
+            "info --check reads everything"
+        )
+    if check:
+        more = f", except {summary.undecoded} messages of encodings that are not read here" if summary.undecoded else ""
+        damaged = f"{len(summary.lost)} faults" if summary.lost else "nothing is damaged"
+        typer.echo(f"checked: every chunk, checksum and message{more}: {damaged}")
+        return [f"{summary.path}: {line}" for line in summary.lost]
+    return [] if summary.damage is None else [summary.damage]
+
+
+def _plain(text: str) -> str:
+    """Text of a file without control characters, which a terminal would obey."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+def _marker(m: "MarkerSummary") -> str:
+    by_status = ", ".join(f"{count} {name.lower()}" for name, count in m.frames_by_status.items() if count)
+    gap = f"longest gap {m.longest_gap_frames} frames, {m.longest_gap_s:.3f} s" if m.longest_gap_frames else "no gap"
+    asked = f", {len(m.requests)} request{'s' * (len(m.requests) != 1)}" if m.requests else ""
+    return f"{m.marker}: {m.verified_share:.1%} verified of {m.frames} frames ({by_status}), {gap}{asked}"
 
 
 def _head(summary: "Summary") -> list[str]:
@@ -57,3 +94,35 @@ def _head(summary: "Summary") -> list[str]:
     if summary.attachments:
         lines.append("attachments: " + ", ".join(summary.attachments))
     return lines
+
+
+def _video(video: "VideoSummary") -> list[str]:
+    frames = "an unstated number of frames" if video.frames is None else f"{video.frames} frames"
+    frames += " decoded" if video.checked else "" if video.frames is None else " by the container's word"
+    rate = "no stated rate" if video.rate is None else f"{float(video.rate):.6g} frames/s ({video.rate})"
+    lines = [
+        f"{video.path}: {video.size_bytes / 1e6:.1f} MB, {frames}, {rate}",
+        f"pictures: {video.width_px}x{video.height_px} {video.codec} {video.pixel_format}"
+        + (", interlaced" if video.interlaced else "")
+        + (f", stored turned: shown {video.rotation_deg} degrees clockwise" if video.rotation_deg else "")
+        + (f", pixels {video.pixel_aspect:.4g} times as wide as high" if video.pixel_aspect != 1 else ""),
+        _START[video.start_time_source].format(format_time(video.start_time_ns)),
+    ]
+    if video.duration_s is not None:
+        lines.append(f"first to last picture: {video.duration_s:.6f} s")
+    if video.passthrough_reason is None:
+        lines.append("goes into a recording as it is, without being encoded again")
+    else:
+        lines.append(f"is encoded once as H.264 for a recording: {video.passthrough_reason}")
+    if not video.checked:
+        lines.append("not looked into: all pictures but the first; info --check decodes them")
+    for line in lines:
+        typer.echo(_plain(line))
+    return [line if line.startswith(str(video.path)) else f"{video.path}: {line}" for line in video.lost]
+
+
+_START = {
+    "creation-time": "starts at {} by the file's creation time",
+    "zero": "says no time of its own: track gives it --start-time, else {}",
+    "start-time": "starts at {}",
+}

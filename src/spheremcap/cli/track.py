@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -9,7 +10,7 @@ import typer
 
 from spheremcap.cli.progress import bar, loaded, stopped
 from spheremcap.core.time import parse_time_ns
-from spheremcap.errors import UsageError
+from spheremcap.errors import UsageError, short
 from spheremcap.interrupt import Interrupt
 
 if TYPE_CHECKING:
@@ -20,7 +21,9 @@ _NO_TIME = "is neither ISO 8601 such as 2025-06-01T10:00:00Z nor Unix seconds"
 
 
 def track(
-    source: Annotated[Path, typer.Argument(help="Session video: anything FFmpeg reads; or an MCAP with pictures.")],
+    source: Annotated[
+        Path, typer.Argument(help="Session video: anything FFmpeg reads; a folder of pictures; an MCAP with pictures.")
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="The MCAP to write.")],
     settings: Annotated[
         Path | None,
@@ -33,6 +36,10 @@ def track(
     seed: Annotated[
         list[str] | None, typer.Option("--seed", help="MARKER@FRAME=X,Y,R in pixels; as often as needed.")
     ] = None,
+    diameter: Annotated[
+        str | None,
+        typer.Option("--diameter", help="True diameter of the markers that only seeds name. (by default 4 cm)"),
+    ] = None,
     camera: Annotated[
         str | None,
         typer.Option("--camera", help="Preset name or ROS camera_info YAML; see `config presets`."),
@@ -41,6 +48,7 @@ def track(
         str | None,
         typer.Option("--start-time", help="Time of the first picture: ISO 8601 (UTC) or Unix seconds."),
     ] = None,
+    rate: Annotated[str | None, typer.Option("--rate", help="Pictures a second of a folder, as in 240.")] = None,
     video: Annotated[
         Literal["auto", "passthrough", "h264", "jpeg", "none"] | None,
         typer.Option("--video", help="How pictures go into the MCAP. (by default auto)"),
@@ -89,25 +97,25 @@ def track(
 ) -> None:
     """Track markers through a video and write every circle, pose and vote into an MCAP.
 
-    Without a settings file the seeds name the markers and each is taken for 4 cm across. An MCAP goes into the
+    Without a settings file the seeds name the markers and each is taken for 4 cm across, unless --diameter says
+    otherwise. A folder's pictures are taken in the order of their numbers. An MCAP goes into the
     output as it is, with our channels beside its pictures.
     """
     from spheremcap import api
-    from spheremcap.config import Settings, load_seeds, load_settings
+    from spheremcap.config import Settings, load_seeds, load_settings, with_camera, with_diameter
     from spheremcap.io.sources import FromMcap
 
     loaded()
     chosen = load_settings(settings) if settings is not None else Settings()
     if camera is not None:
-        key = "file" if camera.endswith((".yaml", ".yml")) else "preset"
-        path = str(Path(camera).resolve()) if key == "file" else camera
-        kept = {"exposure_s": chosen.camera.exposure_s, "readout_s": chosen.camera.readout_s}
-        chosen = chosen.model_copy(update={"camera": type(chosen.camera)(**{key: path}, **kept)})
+        chosen = with_camera(chosen, camera)
     told = {"video": video, "debug_images": debug_images}
     changes = {key: value for key, value in told.items() if value is not None}
     chosen = chosen.model_copy(update={"output": chosen.output.model_copy(update=changes)})
     given = load_seeds(seeds) if seeds is not None else []
     given += [_seed(text) for text in seed or []]
+    if diameter is not None:
+        chosen = with_diameter(chosen, given, diameter)
     mcap = None
     if any(flag is not None for flag in (topic, time, start, end, copy)):
         mcap = FromMcap(
@@ -120,7 +128,7 @@ def track(
             source, output, chosen, given,
             folder=settings.parent if settings is not None else Path(),
             inputs=[path for path in (settings, seeds) if path is not None],
-            overwrite=overwrite, start_time_ns=_time_ns("--start-time", start_time),
+            overwrite=overwrite, start_time_ns=_time_ns("--start-time", start_time), rate=_rate(rate),
             mcap=mcap,
             progress=lambda done, total: shown.update(task, completed=done, total=total),
             stop=interrupted,
@@ -144,10 +152,26 @@ def track(
 
 
 def _time_ns(flag: str, text: str | None) -> int | None:
+    if text is None:
+        return None
     try:
-        return None if text is None else parse_time_ns(text)
+        stamp_ns = parse_time_ns(text)
     except ValueError:
-        raise UsageError(f"{flag} {text!r} {_NO_TIME}") from None
+        raise UsageError(f"{flag} {short(text)} {_NO_TIME}") from None
+    if not 0 <= stamp_ns < 1 << 63:
+        raise UsageError(f"{flag} {short(text)} is before 1970 or after 2262, a time that a recording cannot hold")
+    return stamp_ns
+
+
+def _rate(text: str | None) -> Fraction | None:
+    if text is None:
+        return None
+    try:
+        if len(text) < 40 and Fraction(1, 1000) <= (rate := Fraction(text)) <= 1_000_000:
+            return rate
+    except (ValueError, ZeroDivisionError):
+        pass
+    raise UsageError(f"--rate {short(text)}: expected pictures a second, 0.001 to 1000000, as in --rate 240")
 
 
 def _seed(text: str) -> "Seed":

@@ -38,8 +38,20 @@ class Camera:
         if len(self.distortion) not in _COEFFICIENTS[self.model]:
             wanted = " or ".join(map(str, _COEFFICIENTS[self.model]))
             raise ValueError(f"{self.model} distortion takes {wanted} coefficients, not {len(self.distortion)}")
-        if min(self.fx_px, self.fy_px) <= 0:
-            raise ValueError(f"focal lengths must be positive, not {self.fx_px}, {self.fy_px}")
+        for size in (self.width_px, self.height_px):
+            if not 1 <= size <= 65_535:
+                raise ValueError(f"a picture is 1 to 65535 pixels wide and high, not {self.width_px}x{self.height_px}")
+        if not all(0 < focal <= 1e6 for focal in (self.fx_px, self.fy_px)):
+            raise ValueError(f"focal lengths must be positive, up to a million pixels, not {self.fx_px}, {self.fy_px}")
+        if not (abs(self.cx_px) <= 10 * self.width_px and abs(self.cy_px) <= 10 * self.height_px):
+            raise ValueError(
+                f"the principal point {self.cx_px}, {self.cy_px} is nowhere near a picture of "
+                f"{self.width_px}x{self.height_px}"
+            )
+        if not all(abs(k) <= 1e6 for k in self.distortion):
+            raise ValueError(f"distortion coefficients {self.distortion} are no numbers that a lens can have")
+        if not 0 <= self.focal_sd <= 1:
+            raise ValueError(f"the focal length's relative uncertainty is 0 to 1, not {self.focal_sd}")
 
     @cached_property
     def matrix(self) -> FloatArray:

@@ -29,7 +29,7 @@ def parse_time_ns(text: str) -> int:
     Raises ValueError when `text` is neither.
     """
     text = text.strip()
-    if _SECONDS.fullmatch(text):
+    if len(text) < 100 and _SECONDS.fullmatch(text):
         return int(Fraction(text) * NS_PER_S)
     parts = _SPLIT_SECONDS.fullmatch(text)
     whole = text if parts is None else parts[1] + parts[3]

@@ -10,7 +10,6 @@ from fractions import Fraction
 from typing import TypeGuard
 
 import av
-import av.logging
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +19,7 @@ from av.video.reformatter import ColorRange
 from spheremcap.core.frame import BgrImage, EncodedPicture, Frame, yuv_to_bgr_matrix
 from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import OutputError, UsageError
-from spheremcap.io.video import DecodedFrame
-
-av.logging.set_level(None)
+from spheremcap.io.picture import DecodedFrame
 
 JPEG_QUALITY = 90
 _TAGS = {"bt601": 6, "bt709": 1, "bt2020": 9}

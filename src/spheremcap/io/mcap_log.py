@@ -24,6 +24,7 @@ from spheremcap.core.frame import BgrImage, EncodedPicture
 from spheremcap.core.marker import MarkerSpec
 from spheremcap.errors import OutputError, UsageError
 from spheremcap.io import messages, overlays
+from spheremcap.io.calibration import channel_metadata
 from spheremcap.io.messages import Fields, LogLevel, Message
 from spheremcap.io.output import VERSION, Compression, SharedWriter, open_output
 from spheremcap.io.topics import WORLD_FRAME, Topics
@@ -43,7 +44,9 @@ class Sink(Protocol):
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int: ...
 
-    def register_channel(self, topic: str, message_encoding: str, schema_id: int) -> int: ...
+    def register_channel(
+        self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str] = ...
+    ) -> int: ...
 
     def add_message(self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int) -> None: ...
 
@@ -266,7 +269,8 @@ class McapLog:
             return
         self._next_calibration_ns = stamp_ns + CALIBRATION_PERIOD_NS
         topics = self.topics
-        self._add(topics.calibration, stamp_ns, messages.calibration(stamp_ns, self.camera, topics.optical_frame))
+        message = messages.calibration(stamp_ns, self.camera, topics.optical_frame)
+        self._add(topics.calibration, stamp_ns, message, channel_metadata(self.camera))
         if topics.transforms:
             frames = messages.transforms(stamp_ns, WORLD_FRAME, topics.camera_frame, topics.optical_frame)
             self._add(topics.transforms, stamp_ns, frames)
@@ -288,11 +292,11 @@ class McapLog:
         if entities:
             self._add(self.topics.scene, result.stamp_ns, SceneUpdate(entities=entities))
 
-    def _add(self, topic: str, stamp_ns: int, message: Message) -> None:
+    def _add(self, topic: str, stamp_ns: int, message: Message, metadata: dict[str, str] | None = None) -> None:
         channel = self._channels.get(topic)
         if channel is None:
             schema = schema_id(self._sink, type(message))
-            channel = self._channels[topic] = self._sink.register_channel(topic, "protobuf", schema)
+            channel = self._channels[topic] = self._sink.register_channel(topic, "protobuf", schema, metadata or {})
         if stamp_ns < 0:
             raise UsageError(f"stamp {stamp_ns} ns is before 1970, which MCAP cannot hold: give a --start-time")
         self._sequences[topic] = sequence = self._sequences.get(topic, 0) + 1

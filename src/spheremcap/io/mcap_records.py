@@ -3,7 +3,10 @@
 The file is surveyed once by its record headers (an index is neither needed nor trusted), then chunks are
 opened one at a time as their log times come up, so memory holds a few chunks whatever the file's size. Where
 a header makes no sense, the next place at which records follow each other is looked for; a chunk that is cut
-short or does not decompress to its end gives the messages before the damage.
+short or does not decompress to its end gives the messages before the damage. No chunk takes more memory than it
+says it does, nor more than `LARGEST_CHUNK_BYTES`. What was read is compared with what the file's statistics say.
+
+Several readings may go on at once, in threads too: they share the chunks that were opened last.
 """
 
 import heapq
@@ -11,9 +14,11 @@ import itertools
 import os
 import re
 import struct
+import threading
 import zlib
-from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from array import array
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -25,15 +30,17 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, Metadata, Schema, Statistics
 
-from spheremcap.errors import SourceError
+from spheremcap.errors import SourceError, short
+from spheremcap.io.input_file import MCAP_MAGIC as MAGIC
+from spheremcap.io.input_file import checked_input
 
-MAGIC = b"\x89MCAP0\r\n"
 _HEADER = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _CHUNK = struct.Struct("<QQQI")
 _HELD_BYTES = 64 << 20  # decompressed chunks kept at once; beyond it they are read again when needed
 _RUN_BYTES = 1 << 20  # messages outside chunks are taken in runs of this size
-_LARGEST_CHUNK = 4 << 30
+LARGEST_CHUNK_BYTES = 128 << 20
+_LARGEST_UNKNOWN = 4 << 30  # a record of a kind that is not known is believed in up to this size
 _CHAIN = 3  # records that must follow each other before a place counts as found again
 
 
@@ -71,6 +78,7 @@ class _Piece:
     crc: int = 0
     channels: set[int] | None = None  # from the message indexes behind a chunk; None: not known
     reported: bool = False
+    sorted: bool = False  # its messages that were out of order have been counted
 
 
 _IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL)
@@ -79,8 +87,34 @@ _KEPT: dict[int, Callable[[ReadDataStream], Schema | Channel | Metadata]] = {
     Opcode.CHANNEL: Channel.read,
     Opcode.METADATA: Metadata.read,
 }
-_Entry = tuple[int, int, int]  # log_time, start and end of the message record's body
-_ReadAt = Callable[[int, int], bytes]
+_Data = bytes | bytearray  # what was decompressed in steps is not copied once more
+
+
+class _Entries(NamedTuple):
+    """The messages of a piece by log time, in flat arrays (a chunk may hold millions): log time, where the message
+    record's body starts and ends.
+    """
+
+    times: "array[int]"
+    starts: "array[int]"
+    ends: "array[int]"
+
+    def add(self, log_time: int, start: int, end: int) -> None:
+        self.times.append(log_time)
+        self.starts.append(start)
+        self.ends.append(end)
+
+    def by_time(self) -> "_Entries":
+        """Sorted; equal times in the order of the file."""
+        order = sorted(range(len(self.times)), key=self.times.__getitem__)
+        return _Entries(*(array("Q", map(column.__getitem__, order)) for column in self))
+
+
+def _no_entries() -> _Entries:
+    return _Entries(array("Q"), array("Q"), array("Q"))
+
+
+_ReadAt = Callable[[int, int], _Data]
 _Record = TypeVar("_Record")
 
 
@@ -88,8 +122,10 @@ class McapRecords:
     """An MCAP file's records: `schemas` and `channels` by the file's own ids, messages in log-time order.
 
     `lost` lists the damage met so far: framing damage once the file is open, bad chunks once they have been
-    read. `counts` has the number of readable messages by channel id. `unordered` counts messages that were
-    stored behind a later one of the same chunk; they come out in order.
+    read, differences to the file's statistics once messages have been read to their end. `counts` has the number of
+    messages by channel id: those that can be read where `all_read` (every chunk was opened), else those that the
+    statistics state. `unordered` counts messages that were stored behind a later one of the same chunk; they come
+    out in order.
 
     Raises SourceError when the file is not there or holds no MCAP record at all.
     """
@@ -104,15 +140,22 @@ class McapRecords:
         self.counts: dict[int, int] = {}
         self.lost: list[Loss] = []
         self.unordered = 0
-        self._stated: dict[int, int] = {}
+        self.all_read = False
         self._attachments: list[tuple[int, int]] = []
         self._pieces: list[_Piece] = []
+        self._statistics: Statistics | None = None
+        self._data_end = (0, 0)  # where the data section ends, and its checksum (0: none)
+        self._compared: set[int] = set()
+        self._undecodable: dict[str, tuple[int, str]] = {}
+        self._opened: OrderedDict[int, _Data] = OrderedDict()
+        self._opening = threading.Lock()
+        checked_input(self.path, "a recording")
         try:
             self._file = open(self.path, "rb", buffering=0)  # noqa: SIM115 (closed by close())
         except OSError as error:
             raise SourceError(f"{self.path}: cannot be opened: {error.strerror}") from error
         self._size = self._file.seek(0, os.SEEK_END)
-        self._block, self._block_at = b"", 0
+        self._block = (0, b"")
         try:
             self._survey()
         except BaseException:
@@ -138,18 +181,11 @@ class McapRecords:
             if attachment is not None:
                 yield attachment
 
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        """First and last log time, as far as the chunks' own headers say; None where there are no messages."""
-        if not self._pieces:
-            return None
-        return min(piece.start for piece in self._pieces), max(piece.end for piece in self._pieces)
-
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """All readable messages, or those of `topics`, by log time; equal times in the order of the file."""
         given: Counter[int] = Counter()
-        for piece_, entry, data in self._entries(topics):
-            channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, entry[1])
+        for piece_, start, end, data in self._entries(topics):
+            channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, start)
             given[channel_id] += 1
             channel = self.channels.get(channel_id)
             if channel is None:
@@ -157,26 +193,74 @@ class McapRecords:
                     piece_.reported = True
                     self._lose(piece_.offset, f"messages of channel {channel_id}, whose record is missing")
             elif topics is None or channel.topic in topics:
-                body = bytes(data[entry[1] + _MESSAGE.size : entry[2]])
+                body = bytes(data[start + _MESSAGE.size : end])
                 yield RawMessage(channel, sequence, log_time, publish_time, body)
-        self._compare(given, topics)
+        self._compare(given, [i for i, c in self.channels.items() if topics is None or c.topic in topics])
 
-    def _compare(self, given: Counter[int], topics: Collection[str] | None) -> None:
-        """Once a file is read to its end: whether its own statistics say more messages than there were."""
-        fewer = {}
-        for id_, stated in list(self._stated.items()):
-            channel = self.channels.get(id_)
-            topic = f"channel {id_}" if channel is None else channel.topic
-            if given[id_] < stated and (topics is None or topic in topics):
-                del self._stated[id_]  # said once
-                fewer[topic] = (given[id_], stated)
-        if fewer:
-            missing = sum(stated - there for there, stated in fewer.values())
-            each = ", ".join(f"{topic} {there} of {stated}" for topic, (there, stated) in list(fewer.items())[:3])
-            more = f" and {len(fewer) - 3} more" if len(fewer) > 3 else ""
-            self._lose(self._size, f"by the file's own statistics {missing} messages are missing ({each}{more})")
+    @property
+    def chunk_count(self) -> int:
+        """How many chunks there are."""
+        return sum(piece.compression is not None for piece in self._pieces)
 
-    def _entries(self, topics: Collection[str] | None) -> Iterator[tuple[_Piece, _Entry, bytes]]:
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last log time, by the statistics or, where every chunk was opened, by the messages."""
+        if not sum(self.counts.values()):
+            return None
+        if not self.all_read and self._statistics is not None:
+            return self._statistics.message_start_time, self._statistics.message_end_time
+        filled = [piece for piece in self._pieces if piece.channels]
+        return min(piece.start for piece in filled), max(piece.end for piece in filled)
+
+    def undecodable(self, topic: str, error: Exception) -> None:
+        """For who decodes: one more message of `topic` is not what its schema says."""
+        count, first = self._undecodable.get(topic, (0, short(error)))
+        self._undecodable[topic] = (count + 1, first)
+
+    def damage(self) -> list[str]:
+        """All that could not be read so far, a line each: damage of the file, and messages that do not decode."""
+        bad = [
+            f"{topic}: {count} message{'s' * (count != 1)} not as the schema says ({first})"
+            for topic, (count, first) in self._undecodable.items()
+        ]
+        return [*map(str, self.lost), *bad]
+
+    def _compare(self, given: Mapping[int, int], channels: Collection[int]) -> None:
+        """Say where the statistics state other numbers of messages than were given."""
+        if self._statistics is None:
+            return
+        stated = self._statistics.channel_message_counts
+        if not stated and len(channels) == len(self.channels):
+            self._differ(-1, "messages", self._statistics.message_count, sum(given.values()))
+        for id_ in channels if stated else ():
+            self._differ(id_, f"messages on {self.channels[id_].topic}", stated.get(id_, 0), given.get(id_, 0))
+
+    def _compare_records(self, stated: Statistics, seen: Mapping[int, int]) -> None:
+        """Say where there are other numbers of records outside the chunks: one that has become another kind is lost."""
+        kinds = (
+            ("metadata records", stated.metadata_count, Opcode.METADATA),
+            ("attachments", stated.attachment_count, Opcode.ATTACHMENT),
+            ("chunks", stated.chunk_count, Opcode.CHUNK),
+        )
+        for what, count, opcode in kinds:
+            if count != seen.get(opcode, 0):
+                self._lose(self._size, f"the file's own statistics say {count} {what}, {seen.get(opcode, 0)} are there")
+
+    def check_data(self) -> None:
+        """Compare the data section's checksum, if it has one; reads the file once more."""
+        end, stated = self._data_end
+        crc = 0
+        for at in range(0, end if stated else 0, 1 << 20):
+            crc = zlib.crc32(self._read(at, min(1 << 20, end - at)), crc)
+        if crc != stated:
+            self._lose(end, "the data section's checksum is wrong")
+
+    def _differ(self, id_: int, what: str, stated: int, given: int) -> None:
+        if stated != given and id_ not in self._compared:
+            self._compared.add(id_)
+            self._lose(self._size, f"the file's own statistics say {stated} {what}, {given} can be read")
+
+    def _entries(self, topics: Collection[str] | None) -> Iterator[tuple[_Piece, int, int, _Data]]:
         """Pieces opened as late as their start times allow, their messages merged by log time."""
         waiting = self._pieces
         if topics is not None:
@@ -184,16 +268,16 @@ class McapRecords:
             waiting = [p for p in waiting if p.channels is None or not p.channels.isdisjoint(wanted)]
         waiting = sorted(waiting, key=lambda p: (p.start, p.offset), reverse=True)
         heap: list[tuple[int, int, int]] = []  # log_time, offset of the piece, index of its next entry
-        opened: dict[int, tuple[_Piece, list[_Entry]]] = {}
-        held: dict[int, bytes] = {}
+        opened: dict[int, tuple[_Piece, _Entries]] = {}
+        held: dict[int, _Data] = {}
         while heap or waiting:
             while waiting and (not heap or waiting[-1].start <= heap[0][0]):
                 piece = waiting.pop()
                 data = self._load(piece, report=True)
                 entries = self._index(piece, data)
-                if entries:
+                if entries.times:
                     opened[piece.offset], held[piece.offset] = (piece, entries), data
-                    heapq.heappush(heap, (entries[0][0], piece.offset, 0))
+                    heapq.heappush(heap, (entries.times[0], piece.offset, 0))
             if not heap:
                 return
             _, offset, k = heap[0]
@@ -205,14 +289,15 @@ class McapRecords:
             # This piece goes on until another open one, or the start of a waiting one, comes first.
             other = min(heap[1:3])[:2] if len(heap) > 1 else None
             until = waiting[-1].start if waiting else None
-            while k < len(entries):
-                log_time = entries[k][0]
+            times, starts, ends = entries
+            while k < len(times):
+                log_time = times[k]
                 if (other is not None and (log_time, offset) > other) or (until is not None and log_time >= until):
                     break
-                yield piece, entries[k], held[offset]
+                yield piece, starts[k], ends[k], held[offset]
                 k += 1
-            if k < len(entries):
-                heapq.heapreplace(heap, (entries[k][0], offset, k))
+            if k < len(times):
+                heapq.heapreplace(heap, (times[k], offset, k))
             else:
                 heapq.heappop(heap)
                 del opened[offset], held[offset]
@@ -226,14 +311,13 @@ class McapRecords:
             self._lose(0, "the magic bytes at the start are wrong")
             if not _plausible(self._read, position, self._size):
                 position = 0
-        summary: Statistics | None = None
         in_data, finished, trusted = True, False, not self.lost
         run: _Piece | None = None
         chunk: _Piece | None = None
         chunks: dict[int, _Piece] = {}
-        seen = 0
+        seen: Counter[int] = Counter()
         for opcode, offset, length in _walk(self._read, position, self._size, self._lose):
-            seen += 1
+            seen[opcode] += 1
             if opcode == Opcode.MESSAGE and in_data:
                 channel_id, _, log_time, _ = _MESSAGE.unpack(self._read(offset, _MESSAGE.size))
                 if run is None or run.offset + run.length != offset - 9 or run.length >= _RUN_BYTES:
@@ -264,23 +348,26 @@ class McapRecords:
                     self.profile, self.library = header.profile, header.library
             elif opcode == Opcode.DATA_END:
                 in_data = False
+                self._data_end = (offset - 9, int.from_bytes(self._read(offset, 4), "little"))
             elif opcode == Opcode.STATISTICS:
-                summary = _parsed(Statistics.read, self._read(offset, length))
-                if summary is None:
+                self._statistics = _parsed(Statistics.read, self._read(offset, length))
+                if self._statistics is None:
                     self._lose(
                         offset, "the statistics record does not parse: nobody knows how many messages there were"
                     )
-                else:
-                    self._stated = dict(summary.channel_message_counts)
             elif opcode == Opcode.FOOTER:
                 finished = True
-                trusted = trusted and self._summary_intact(offset)
+                if not self._summary_intact(offset):
+                    trusted, self._statistics = False, None
                 if self._read(offset + length, len(MAGIC)) != MAGIC:
                     self._lose(offset + length, "the magic bytes at the end are wrong")
         if not seen:
             raise SourceError(f"{self.path}: is not an MCAP file (no MCAP record in its {self._size} bytes)")
+        if self._statistics is not None:
+            self._compare_records(self._statistics, seen)
         if not finished:
             self._lose(self._size, "there is no footer: the recording was not finished")
+        summary = self._statistics
         if (
             trusted
             and not self.lost
@@ -296,18 +383,19 @@ class McapRecords:
     def _count_all(self) -> None:
         """Open every piece once, for its schemas, channels and number of messages."""
         self.counts = {}
+        self.all_read = True
         for piece in self._pieces:
             data = self._load(piece, report=True)
             channels = set()
             entries = self._index(piece, data)
-            for _, start, _ in entries:
+            for start in entries.starts:
                 channel_id = int.from_bytes(data[start : start + 2], "little")
                 channels.add(channel_id)
                 self.counts[channel_id] = self.counts.get(channel_id, 0) + 1
-            if entries:
-                piece.start, piece.end = entries[0][0], entries[-1][0]
+            if entries.times:
+                piece.start, piece.end = entries.times[0], entries.times[-1]
             piece.channels = channels
-        self.unordered = 0
+        self._compare(self.counts, list(self.channels))
 
     def _chunk(self, offset: int, length: int) -> _Piece:
         """The chunk record at `offset`; `length` may reach past the end of a file that was cut."""
@@ -328,7 +416,7 @@ class McapRecords:
         self._lose(start, "the summary's checksum is wrong: the data section is used instead")
         return False
 
-    def _keep(self, opcode: int, body: bytes, offset: int) -> None:
+    def _keep(self, opcode: int, body: _Data, offset: int) -> None:
         """A schema, a channel (of one id the first counts) or a metadata record."""
         record = _parsed(_KEPT[opcode], body)
         if record is None:
@@ -352,9 +440,19 @@ class McapRecords:
 
     # --- chunks ---
 
-    def _load(self, piece: _Piece, report: bool) -> bytes:
-        """A piece's records, decompressed as far as they can be."""
-        stored = self._read(piece.offset, piece.length)
+    def _load(self, piece: _Piece, report: bool) -> _Data:
+        """A piece's records, decompressed as far as they can be; those that were opened last are at hand."""
+        with self._opening:
+            data = self._opened.pop(piece.offset, None)
+            if data is None:
+                data = self._open(piece, report)
+            self._opened[piece.offset] = data
+            while len(self._opened) > 1 and sum(map(len, self._opened.values())) > _HELD_BYTES:
+                self._opened.popitem(last=False)
+            return data
+
+    def _open(self, piece: _Piece, report: bool) -> _Data:
+        stored = self._read(piece.offset, min(piece.length, LARGEST_CHUNK_BYTES))
         if piece.compression is None:
             return stored
         data, problem = _decompress(stored, piece.compression, piece.size)
@@ -365,9 +463,10 @@ class McapRecords:
             self._lose(piece.offset, f"chunk of {piece.size} bytes: {problem}")
         return data
 
-    def _index(self, piece: _Piece, data: bytes) -> list[_Entry]:
+    def _index(self, piece: _Piece, data: _Data) -> _Entries:
         """The messages of a piece by log time; its schemas and channels are kept on the way."""
-        entries: list[_Entry] = []
+        entries = _no_entries()
+        time_of, start_of, end_of = entries.times.append, entries.starts.append, entries.ends.append
         position, end = 0, len(data)
         while position + 9 <= end:  # the common case, without the checks
             opcode, length = _HEADER.unpack_from(data, position)
@@ -377,7 +476,9 @@ class McapRecords:
                 position = body - 9
                 break
             if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
-                entries.append((int.from_bytes(data[body + 6 : body + 14], "little"), body, position))
+                time_of(int.from_bytes(data[body + 6 : body + 14], "little"))
+                start_of(body)
+                end_of(position)
             elif opcode in _IN_CHUNKS and _parsed(_KEPT[opcode], data[body:position]) is not None:
                 self._keep(opcode, data[body:position], piece.offset)
             elif opcode <= Opcode.DATA_END:
@@ -385,17 +486,18 @@ class McapRecords:
                 break
         if position < end:
             lost = (lambda *_: None) if piece.reported else self._lose_in(piece)
-            entries = []
+            entries = _no_entries()
             for opcode, body, length in _walk(_reader(data), 0, end, lost):
                 if opcode == Opcode.MESSAGE:
-                    entries.append((int.from_bytes(data[body + 6 : body + 14], "little"), body, body + length))
+                    entries.add(int.from_bytes(data[body + 6 : body + 14], "little"), body, body + length)
                 elif opcode in _IN_CHUNKS:
                     self._keep(opcode, data[body : body + length], piece.offset)
             piece.reported = True
-        backwards = sum(a[0] > b[0] for a, b in itertools.pairwise(entries))
+        backwards = sum(a > b for a, b in itertools.pairwise(entries.times))
         if backwards:
-            self.unordered += backwards
-            entries.sort()
+            self.unordered += 0 if piece.sorted else backwards
+            piece.sorted = True
+            entries = entries.by_time()
         return entries
 
     def _lose_in(self, piece: _Piece) -> Callable[[int, str], None]:
@@ -409,13 +511,18 @@ class McapRecords:
 
     def _read(self, offset: int, length: int) -> bytes:
         """Up to `length` bytes at `offset`; small reads come from one block of read-ahead."""
-        inside = offset - self._block_at
-        if inside >= 0 and inside + length <= len(self._block):
-            return self._block[inside : inside + length]
-        if length > 4096:
-            return _pread(self._file.fileno(), offset, length)
-        self._block, self._block_at = _pread(self._file.fileno(), offset, 8192), offset
-        return self._block[:length]
+        at, block = self._block
+        inside = offset - at
+        if inside >= 0 and inside + length <= len(block):
+            return block[inside : inside + length]
+        try:
+            if length > 4096:
+                return _pread(self._file.fileno(), offset, length)
+            block = _pread(self._file.fileno(), offset, 8192)
+        except OSError as error:
+            raise SourceError(f"{self.path}: byte {offset} cannot be read: {error.strerror}") from error
+        self._block = (offset, block)
+        return block[:length]
 
 
 def _pread(fd: int, offset: int, length: int) -> bytes:
@@ -429,7 +536,7 @@ def _pread(fd: int, offset: int, length: int) -> bytes:
     return data
 
 
-def _parsed(read: Callable[[ReadDataStream], _Record], body: bytes) -> _Record | None:
+def _parsed(read: Callable[[ReadDataStream], _Record], body: _Data) -> _Record | None:
     """The record, or None when its bytes do not make one."""
     try:
         return read(ReadDataStream(BytesIO(body)))
@@ -437,34 +544,50 @@ def _parsed(read: Callable[[ReadDataStream], _Record], body: bytes) -> _Record |
         return None
 
 
-def _reader(data: bytes) -> _ReadAt:
+def _reader(data: _Data) -> _ReadAt:
     return lambda offset, length: data[offset : offset + length]
 
 
-def _decompress(stored: bytes, compression: str, size: int) -> tuple[bytes, str | None]:
-    """The chunk's records and None, or as many of them as come out and what is wrong."""
+def _decompress(stored: bytes, compression: str, size: int) -> tuple[_Data, str | None]:
+    """The chunk's records and None, or as many of them as come out and what is wrong; never more than `size` bytes."""
+    if compression not in ("", "zstd", "lz4"):
+        return b"", f"compression {short(compression)} is not known (zstd and lz4 are)"
     if compression == "":
-        return stored, None if len(stored) == size else f"only {len(stored)} of its bytes are there"
-    if size > _LARGEST_CHUNK:
-        return b"", "its size makes no sense"
+        return stored[:size], None if len(stored) == size else f"{len(stored)} of its bytes are there"
+    limit = min(size, LARGEST_CHUNK_BYTES)
     try:
-        if compression == "zstd":
-            return zstandard.ZstdDecompressor().decompress(stored, max_output_size=size), None
-        if compression == "lz4":
-            return lz4.frame.decompress(stored), None
-    except (zstandard.ZstdError, RuntimeError, MemoryError):
+        if size == limit and compression == "lz4":
+            data = lz4.frame.LZ4FrameDecompressor().decompress(stored, max_length=size + 1)
+            if len(data) == size:
+                return data, None
+        # A frame may say its size itself, and is believed by the decompressor: only when it is the chunk's.
+        elif size == limit and zstandard.frame_content_size(stored) in (-1, size):
+            data = zstandard.ZstdDecompressor().decompress(stored, max_output_size=size)
+            if len(data) == size:
+                return data, None
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError):
         pass
-    else:
-        return b"", f"compression {compression!r} is not known (zstd and lz4 are)"
-    zstd = compression == "zstd"
-    stream = zstandard.ZstdDecompressor().decompressobj() if zstd else lz4.frame.LZ4FrameDecompressor()
     out = bytearray()
     try:
-        for start in range(0, len(stored), 64):  # small steps: what comes before the fault is kept
-            out += stream.decompress(stored[start : start + 64])
+        for piece in _decompressed(stored, compression):  # what comes before the fault is kept
+            out += piece
+            if len(out) > limit:
+                del out[limit:]
+                more = f"there is more in it than its {size} bytes" if size == limit else "it is too large"
+                return out, f"{more}: kept up to {limit}"
     except (zstandard.ZstdError, RuntimeError, EOFError):
-        pass
-    return bytes(out), f"it does not decompress beyond {len(out)} bytes"
+        return out, f"it does not decompress beyond {len(out)} bytes"
+    return out, None if len(out) == size else f"it does not decompress beyond {len(out)} bytes"
+
+
+def _decompressed(stored: bytes, compression: str) -> Iterator[bytes]:
+    """The bytes in small steps: none of them is large, whatever was compressed."""
+    zstd = compression == "zstd"
+    stream = zstandard.ZstdDecompressor().decompressobj() if zstd else lz4.frame.LZ4FrameDecompressor()
+    for start in range(0, len(stored), 64):
+        yield stream.decompress(stored[start : start + 64])
+        if stream.eof:
+            return
 
 
 # --- framing ---
@@ -569,7 +692,7 @@ def _plausible(read: _ReadAt, position: int, end: int, strict: bool = False) -> 
     if position + 9 + length > end or opcode == 0:
         return False
     if opcode > Opcode.DATA_END:  # private or future records: allowed, but no reason to believe in one
-        return not strict and length < _LARGEST_CHUNK
+        return not strict and length < _LARGEST_UNKNOWN
     if opcode in _LENGTHS:
         return bool(length == _LENGTHS[opcode]) if strict else bool(length >= _LENGTHS[opcode])
     if opcode in _SMALLEST:

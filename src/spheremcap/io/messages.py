@@ -35,6 +35,7 @@ from spheremcap.core.frame import EncodedPicture, Window
 from spheremcap.core.marker import MarkerSpec
 from spheremcap.core.time import NS_PER_S
 from spheremcap.io import _pb
+from spheremcap.io.calibration import fields_of
 
 FloatArray = npt.NDArray[np.float64]
 Rgb = tuple[float, float, float]
@@ -109,24 +110,7 @@ def image(stamp_ns: int, picture: EncodedPicture, frame_id: str) -> Message:
 
 def calibration(stamp_ns: int, camera: Camera, frame_id: str) -> Message:
     """foxglove.CameraCalibration; as in ROS an integer coordinate is a pixel's centre: no shift."""
-    k = list(camera.distortion)
-    if camera.model == "fisheye":
-        model = "kannala_brandt"
-    else:
-        model = "rational_polynomial" if len(k) == 8 else "plumb_bob"
-        k += [0.0] * (5 - len(k))
-    fx, fy, cx, cy = camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
-    return CameraCalibration(
-        timestamp=_time(stamp_ns),
-        frame_id=frame_id,
-        width=camera.width_px,
-        height=camera.height_px,
-        distortion_model=model,
-        D=k,
-        K=[fx, 0, cx, 0, fy, cy, 0, 0, 1],
-        R=[1, 0, 0, 0, 1, 0, 0, 0, 1],
-        P=[fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0],
-    )
+    return CameraCalibration(timestamp=_time(stamp_ns), frame_id=frame_id, **fields_of(camera))
 
 
 def transforms(stamp_ns: int, world: str, camera: str, optical: str) -> Message:

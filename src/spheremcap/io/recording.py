@@ -1,4 +1,4 @@
-"""Read a recording back: markers and sensors as arrays, requests, settings; and a summary of any MCAP.
+"""Read a recording back: markers and sensors as arrays, requests, settings.
 
 Indexed, unindexed and damaged files are all read; what cannot be had is named in `damage`. A file is read
 once, in log-time order, and closed again: what stays in memory are the arrays.
@@ -11,8 +11,7 @@ import os
 import re
 import tomllib
 from array import array
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,18 +20,18 @@ import numpy as np
 import numpy.typing as npt
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from google.protobuf.descriptor import FieldDescriptor
-from mcap.reader import make_reader
+from google.protobuf.message import DecodeError
 from mcap.records import Channel
-from mcap_protobuf.decoder import DecoderFactory
 
-from spheremcap.core.camera import Camera, DistortionModel
+from spheremcap.core.camera import Camera
 from spheremcap.core.estimate import OperatorRequest, Status
-from spheremcap.core.time import NS_PER_S
 from spheremcap.core.vote import Verdict
-from spheremcap.errors import SourceError, UsageError
+from spheremcap.errors import SourceError, UsageError, short
 from spheremcap.io import _pb
+from spheremcap.io.calibration import camera_of, focal_sd_of
+from spheremcap.io.decode import decoder
 from spheremcap.io.mcap_log import OUTCOME_METADATA, RUN_METADATA
-from spheremcap.io.mcap_records import McapRecords
+from spheremcap.io.mcap_records import McapRecords, RawMessage
 from spheremcap.io.messages import Message, stamp_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -43,7 +42,10 @@ STATE = _pb.MarkerState.DESCRIPTOR.full_name
 REQUEST = _pb.OperatorRequest.DESCRIPTOR.full_name
 CALIBRATION = CameraCalibration.DESCRIPTOR.full_name
 SENSORS = (_pb.ImuSample.DESCRIPTOR.full_name, _pb.WheelSample.DESCRIPTOR.full_name)
-PICTURES = ("foxglove.CompressedVideo", "foxglove.CompressedImage", "foxglove.RawImage")
+UNREADABLE = (DecodeError, ValueError, OverflowError)
+"""What reading a message of ours ends in when it is damaged."""
+_TIMESTAMP = "google.protobuf.Timestamp"
+_DEEPEST = 8  # levels of a sensor's message that are looked into; a message may hold itself
 
 _STATUS = {_pb.MarkerState.Status.Value(status.value): status.value for status in Status}
 _VERDICT = {_pb.MarkerVotes.Verdict.Value(verdict.value): verdict.value for verdict in Verdict}
@@ -220,7 +222,10 @@ class Recording:
     @property
     def settings(self) -> dict[str, Any]:
         """The settings the run had, all of them; empty when the file has none."""
-        return tomllib.loads(self.settings_toml)
+        try:
+            return tomllib.loads(self.settings_toml)
+        except (ValueError, RecursionError) as error:
+            raise SourceError(f"{self.path}: its settings are damaged: {short(error)}") from error
 
 
 def open(path: str | os.PathLike[str]) -> Recording:
@@ -234,30 +239,33 @@ def open(path: str | os.PathLike[str]) -> Recording:
     requests: list[OperatorRequest] = []
     camera: Camera | None = None
     with McapRecords(path) as records:
-        names = _schema_names(records)
+        names = schema_names(records)
         sensing = {c.id for c in records.channels.values() if _senses(c, names[c.id])}
         wanted = {STATE, REQUEST, CALIBRATION}
         topics = {c.topic for c in records.channels.values() if c.id in sensing or names[c.id] in wanted}
         for raw in records.messages(topics):
             kind = names.get(raw.channel.id)
-            if kind == STATE:
-                row = state_row(raw.data, raw.log_time)
-                tracks.setdefault(_track_name(raw.channel.topic, row.marker), _TrackRows()).add(row)
-            elif kind == REQUEST:
-                requests.append(_request(_pb.OperatorRequest.FromString(raw.data)))
-            elif kind == CALIBRATION:
-                camera = camera or _camera(CameraCalibration.FromString(raw.data))
-            elif raw.channel.id in sensing:
-                if raw.channel.id not in sensors:
-                    sensors[raw.channel.id] = _SensorRows(raw.channel, records)
-                sensors[raw.channel.id].add(raw.log_time, raw.publish_time, raw.data)
+            try:
+                if kind == STATE:
+                    row = state_row(raw.data, raw.log_time)
+                    tracks.setdefault(track_name(raw.channel.topic, row.marker), _TrackRows()).add(row)
+                elif kind == REQUEST:
+                    requests.append(request_of(raw))
+                elif kind == CALIBRATION:
+                    camera = camera or _camera(CameraCalibration.FromString(raw.data), raw.channel)
+                elif raw.channel.id in sensing:
+                    if raw.channel.id not in sensors:
+                        sensors[raw.channel.id] = _SensorRows(raw.channel, records)
+                    sensors[raw.channel.id].add(raw)
+            except UNREADABLE as error:
+                records.undecodable(raw.channel.topic, error)
         texts = {a.name: a.data.decode("utf-8", "replace") for a in reversed(list(records.attachments()))}
-        runs = _runs(records)
+        runs = runs_of(records)
         damage = damage_line(records)
     return Recording(
         path=Path(path),
         tracks={name: rows.track(name) for name, rows in tracks.items()},
-        sensors={_sensor_name(rows.topic): rows.sensor() for rows in sensors.values()},
+        sensors={_sensor_name(rows.topic): rows.sensor() for rows in sensors.values() if len(rows)},
         requests=tuple(requests),
         camera=camera,
         runs=runs,
@@ -268,13 +276,17 @@ def open(path: str | os.PathLike[str]) -> Recording:
 
 
 def iter_states(records: McapRecords) -> Iterator[StateRow]:
-    """Every marker on every frame, by log time, without keeping any."""
-    names = _schema_names(records)
+    """Every marker on every frame, by log time, without keeping any; `records` counts those that do not decode."""
+    names = schema_names(records)
     topics = {channel.topic for channel in records.channels.values() if names[channel.id] == STATE}
     for raw in records.messages(topics):
         if names.get(raw.channel.id) == STATE:
-            row = state_row(raw.data, raw.log_time)
-            yield row._replace(marker=_track_name(raw.channel.topic, row.marker))
+            try:
+                row = state_row(raw.data, raw.log_time)
+            except UNREADABLE as error:
+                records.undecodable(raw.channel.topic, error)
+                continue
+            yield row._replace(marker=track_name(raw.channel.topic, row.marker))
 
 
 def iter_columns(records: McapRecords, rows: int = 4096) -> Iterator[dict[str, npt.NDArray[Any]]]:
@@ -288,7 +300,7 @@ def iter_columns(records: McapRecords, rows: int = 4096) -> Iterator[dict[str, n
 
 
 def state_row(data: bytes, stamp_ns: int) -> StateRow:
-    """The content of a serialised spheremcap.MarkerState, NaN and "" for what is not set."""
+    """The content of a serialised spheremcap.MarkerState, NaN and "" for what is not set. Raises UNREADABLE."""
     m = _pb.MarkerState.FromString(data)
     has = m.HasField
     numbers = (
@@ -305,7 +317,9 @@ def state_row(data: bytes, stamp_ns: int) -> StateRow:
         m.visible if has("visible") else math.nan,
     )
     status, verdict = _STATUS.get(m.status, ""), _VERDICT.get(m.verdict, "")
-    return StateRow(m.marker, m.frame_index, stamp_ns, status, verdict, m.proposer, ";".join(m.reasons), numbers)
+    return StateRow(
+        m.marker, int(m.frame_index), int64_ns(stamp_ns), status, verdict, m.proposer, ";".join(m.reasons), numbers
+    )
 
 
 def match(samples: IntArray, stamps: IntArray, tolerance_ns: int | None = None) -> IntArray:
@@ -330,118 +344,6 @@ def match(samples: IntArray, stamps: IntArray, tolerance_ns: int | None = None) 
     winners = order[first & (distance[order] <= tolerance_ns)]
     index[winners] = nearest[winners]
     return index
-
-
-@dataclass(frozen=True)
-class TopicSummary:
-    """One topic of a file: its schema, encoding and number of messages."""
-
-    topic: str
-    schema: str
-    encoding: str
-    messages: int
-
-
-@dataclass(frozen=True)
-class MarkerSummary:
-    """One marker of a recording.
-
-    The longest gap is the longest run of frames without a measured position: in frames, and in seconds from
-    the measured frame before to the one after (from the first or to the last frame where there is none).
-    """
-
-    marker: str
-    frames: int
-    frames_by_status: Mapping[str, int]
-    longest_gap_frames: int
-    longest_gap_s: float
-    requests: tuple[OperatorRequest, ...]
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What is inside an MCAP, ours or anybody's. Times are log times; None when there are no messages.
-
-    `video` is a line for each image topic. `runs` is what our tool wrote of each run, by its id:
-    `input_name`, `input_sha256`, `time_source`, `version` and so on.
-    """
-
-    path: Path
-    size_bytes: int
-    profile: str
-    library: str
-    start_ns: int | None
-    end_ns: int | None
-    topics: tuple[TopicSummary, ...]
-    markers: tuple[MarkerSummary, ...]
-    video: tuple[str, ...]
-    runs: Mapping[str, Mapping[str, str]]
-    attachments: tuple[str, ...]
-    damage: str | None
-
-    @property
-    def duration_s(self) -> float:
-        """Seconds from the first to the last message."""
-        return ((self.end_ns or 0) - (self.start_ns or 0)) / NS_PER_S
-
-
-def summarise(path: str | os.PathLike[str]) -> Summary:
-    """Say what is inside an MCAP file. Raises SourceError when it is none."""
-    gaps: dict[str, _Gap] = {}
-    requests: dict[str, list[OperatorRequest]] = {}
-    with McapRecords(path) as records:
-        names = _schema_names(records)
-        for row in iter_states(records):
-            gaps.setdefault(row.marker, _Gap()).add(row)
-        asked = {channel.topic for channel in records.channels.values() if names[channel.id] == REQUEST}
-        for raw in records.messages(asked) if asked else ():
-            request = _request(_pb.OperatorRequest.FromString(raw.data))
-            requests.setdefault(_track_name(raw.channel.topic, request.marker), []).append(request)
-        channels = sorted(records.channels.values(), key=lambda channel: (channel.topic, channel.id))
-        start_ns, end_ns = _span(records)
-        return Summary(
-            path=Path(path),
-            size_bytes=Path(path).stat().st_size,
-            profile=records.profile,
-            library=records.library,
-            start_ns=start_ns,
-            end_ns=end_ns,
-            topics=tuple(
-                TopicSummary(c.topic, names[c.id], c.message_encoding, records.counts.get(c.id, 0)) for c in channels
-            ),
-            markers=tuple(gap.summary(name, requests.get(name, [])) for name, gap in gaps.items()),
-            video=tuple(_picture_line(records, c, names[c.id]) for c in channels if names[c.id] in PICTURES),
-            runs=_runs(records),
-            attachments=tuple(attachment.name for attachment in records.attachments()),
-            damage=damage_line(records),
-        )
-
-
-class _Gap:
-    """Counts one marker's frames by status and finds its longest run without a measurement."""
-
-    def __init__(self) -> None:
-        self._counts: Counter[str] = Counter()
-        self._longest = (0, 0)
-        self._frames = 0
-        self._since_ns = 0
-        self._requests: list[OperatorRequest] = []
-
-    def add(self, row: StateRow) -> None:
-        if not self._counts:
-            self._since_ns = row.stamp_ns
-        self._counts[row.status] += 1
-        measured = Status(row.status).measured if row.status else False
-        self._frames += not measured
-        if self._frames:
-            self._longest = max(self._longest, (self._frames, row.stamp_ns - self._since_ns))
-        if measured:
-            self._frames, self._since_ns = 0, row.stamp_ns
-
-    def summary(self, marker: str, requests: Sequence[OperatorRequest]) -> MarkerSummary:
-        counts = {s.value: self._counts[s.value] for s in Status if self._counts[s.value]}
-        frames, gap_ns = self._longest
-        return MarkerSummary(marker, self._counts.total(), counts, frames, gap_ns / NS_PER_S, tuple(requests))
 
 
 class _TrackRows:
@@ -489,26 +391,31 @@ class _SensorRows:
     """A sensor's numbers while the file is read: every numeric leaf of its message, by its path."""
 
     def __init__(self, channel: Channel, records: McapRecords) -> None:
-        schema = records.schemas[channel.schema_id]
-        decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
-        if decode is None:
+        decode = decoder(channel, records.schemas.get(channel.schema_id))
+        if decode is None or channel.message_encoding != "protobuf":
             encoding = channel.message_encoding
             raise SourceError(f"{records.path}: {channel.topic} has encoding {encoding!r}, not protobuf")
         self.topic, self._decode = channel.topic, decode
         self._leaves: dict[str, tuple[str, ...]] | None = None
         self._stamp, self._own, self._numbers = array("q"), array("q"), array("d")
 
-    def add(self, stamp_ns: int, own_ns: int, data: bytes) -> None:
-        message = self._decode(data)
+    def __len__(self) -> int:
+        return len(self._stamp)
+
+    def add(self, raw: RawMessage) -> None:
+        """Raises UNREADABLE, and then has added nothing."""
+        message = self._decode(raw.data)
+        stamps = int64_ns(raw.log_time), int64_ns(raw.publish_time)
         if self._leaves is None:
             self._leaves = dict(_leaves(message))
-        self._stamp.append(stamp_ns)
-        self._own.append(own_ns)
-        self._numbers.extend(_leaf(message, path) for path in self._leaves.values())
+        numbers = [_leaf(message, path) for path in self._leaves.values()]
+        self._stamp.append(stamps[0])
+        self._own.append(stamps[1])
+        self._numbers.extend(numbers)
 
     def sensor(self) -> Sensor:
         leaves = list(self._leaves or ())
-        numbers = np.frombuffer(self._numbers, np.float64).reshape(-1, len(leaves))
+        numbers = np.frombuffer(self._numbers, np.float64).reshape(len(self._stamp), len(leaves))
         values = {name: numbers[:, i] for i, name in enumerate(leaves)}
         stamps, own = (np.frombuffer(a, np.int64) for a in (self._stamp, self._own))
         return Sensor(self.topic, stamps, own, values)
@@ -527,7 +434,11 @@ def _leaves(message: Message, above: tuple[str, ...] = ()) -> Iterator[tuple[str
         path, value = (*above, leaf.name), getattr(message, leaf.name)
         if leaf.cpp_type in _NUMERIC and isinstance(value, int | float):  # a list when repeated
             yield ".".join(path), path
-        elif hasattr(value, "DESCRIPTOR") and value.DESCRIPTOR.full_name != "google.protobuf.Timestamp":
+        elif (
+            len(path) < _DEEPEST
+            and hasattr(value, "DESCRIPTOR")
+            and value.DESCRIPTOR.full_name != "google.protobuf.Timestamp"
+        ):
             yield from _leaves(value, path)
 
 
@@ -575,7 +486,7 @@ def _xyz(vector: Message) -> tuple[float, float, float]:
     return vector.x, vector.y, vector.z
 
 
-def _schema_names(records: McapRecords) -> dict[int, str]:
+def schema_names(records: McapRecords) -> dict[int, str]:
     """Schema name by channel id; "" for a channel without one."""
     return {
         channel.id: records.schemas[channel.schema_id].name if channel.schema_id in records.schemas else ""
@@ -586,7 +497,7 @@ def _schema_names(records: McapRecords) -> dict[int, str]:
 _ROOT = re.compile(r"^/?(?P<root>.*?)/?(markers/[^/]+/state|requests)$")
 
 
-def _track_name(topic: str, marker: str) -> str:
+def track_name(topic: str, marker: str) -> str:
     found = _ROOT.match(topic)
     return f"{found['root']}/{marker}" if found and found["root"] else marker
 
@@ -601,7 +512,9 @@ def _sensor_name(topic: str) -> str:
     return topic.removeprefix("/").removeprefix("sensors/")
 
 
-def _request(message: Message) -> OperatorRequest:
+def request_of(raw: RawMessage) -> OperatorRequest:
+    """The content of a serialised spheremcap.OperatorRequest. Raises UNREADABLE."""
+    message = _pb.OperatorRequest.FromString(raw.data)
     return OperatorRequest(
         marker=message.marker,
         frame_index=message.frame_index,
@@ -613,25 +526,13 @@ def _request(message: Message) -> OperatorRequest:
     )
 
 
-def _camera(message: Message) -> Camera | None:
-    """The camera of a CameraCalibration; None when it is uncalibrated or its lens model not one of ours."""
-    models: dict[str, DistortionModel] = {
-        "": "none", "plumb_bob": "plumb_bob", "rational_polynomial": "plumb_bob",
-        "kannala_brandt": "fisheye", "equidistant": "fisheye",
-    }  # fmt: skip
-    model = models.get(message.distortion_model)
-    if model is None or len(message.K) != 9 or message.K[0] <= 0:
-        return None
-    k, d = message.K, tuple(message.D)
-    if not any(d) and model == "plumb_bob":
-        model, d = "none", ()
-    try:
-        return Camera(message.width, message.height, k[0], k[4], k[2], k[5], model, d, source="the recording")
-    except ValueError:
-        return None
+def _camera(message: Message, channel: Channel) -> Camera | None:
+    """The camera of a CameraCalibration. Raises ValueError for what is none that we know."""
+    fields = {field.name.lower(): getattr(message, field.name) for field in message.DESCRIPTOR.fields}
+    return camera_of(fields, "the recording", focal_sd=focal_sd_of(channel.metadata))
 
 
-def _runs(records: McapRecords) -> dict[str, dict[str, str]]:
+def runs_of(records: McapRecords) -> dict[str, dict[str, str]]:
     runs: dict[str, dict[str, str]] = {}
     for record in records.metadata:
         for prefix in (RUN_METADATA, OUTCOME_METADATA):
@@ -642,34 +543,15 @@ def _runs(records: McapRecords) -> dict[str, dict[str, str]]:
 
 def damage_line(records: McapRecords) -> str | None:
     """One line about what could not be read so far; None when nothing was lost."""
-    if not records.lost:
+    damage = records.damage()
+    if not damage:
         return None
-    more = f" (and {len(records.lost) - 1} more)" if len(records.lost) > 1 else ""
-    return f"{records.path.name} is damaged: {records.lost[0]}{more}"
+    more = f" (and {len(damage) - 1} more)" if len(damage) > 1 else ""
+    return f"{records.path.name} is damaged: {damage[0]}{more}"
 
 
-def _span(records: McapRecords) -> tuple[int | None, int | None]:
-    """First and last log time: from the index of a whole file, else by reading all of it."""
-    if not sum(records.counts.values()):
-        return None, None
-    if not records.lost:
-        with records.path.open("rb") as file:
-            summary = make_reader(file).get_summary()
-        if summary is not None and summary.statistics is not None:
-            return summary.statistics.message_start_time, summary.statistics.message_end_time
-    first = last = None
-    for raw in records.messages():
-        first, last = (raw.log_time if first is None else first), raw.log_time
-    return first, last
-
-
-def _picture_line(records: McapRecords, channel: Channel, schema: str) -> str:
-    """`/camera/video: h264, 480 pictures`."""
-    count = records.counts.get(channel.id, 0)
-    kind = schema.removeprefix("foxglove.")
-    decode = DecoderFactory().decoder_for(channel.message_encoding, records.schemas[channel.schema_id])
-    raw = next(iter(records.messages([channel.topic])), None)
-    if raw is not None and decode is not None:
-        message = decode(raw.data)
-        kind = getattr(message, "format", "") or getattr(message, "encoding", "") or kind
-    return f"{channel.topic}: {kind}, {count} pictures"
+def int64_ns(stamp_ns: int) -> int:
+    """The stamp, when it is one that int64 can hold, up to the year 2262. Raises ValueError."""
+    if stamp_ns >= 1 << 63:
+        raise ValueError(f"its time of {stamp_ns} ns is after 2262")
+    return stamp_ns

@@ -9,8 +9,9 @@ from pathlib import Path
 from mcap.opcode import Opcode
 
 from spheremcap.errors import UsageError
+from spheremcap.io.input_file import MCAP_MAGIC as MAGIC
 from spheremcap.io.join import McapStream, Merged, merge_streams
-from spheremcap.io.mcap_records import MAGIC, McapRecords
+from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.output import in_use
 
 _FOOTER = struct.Struct("<BQQQI")

@@ -51,6 +51,8 @@ _TODAY: dict[str, Layout] = {
         *_CALIBRATION,
     ),
 }
+KNOWN = frozenset(_TODAY)
+"""The messages that are read here, as package/Message."""
 _TIMES = {"time", "builtin_interfaces/Time", "builtin_interfaces/msg/Time"}
 _HEADERS = {"Header", "std_msgs/Header", "std_msgs/msg/Header"}
 _NUMBERS = {
@@ -69,14 +71,22 @@ def short_name(schema_name: str) -> str:
 def layout_of(schema_name: str, encoding: str, text: str) -> Layout:
     """The fields of a message by its stored definition (ros1msg or ros2msg), or as it is known today."""
     if encoding not in ("ros1msg", "ros2msg"):
-        return _TODAY[short_name(schema_name)]
+        return _today(schema_name)
     fields = []
     for line in re.split(r"^={3,}\s*$", text, maxsplit=1, flags=re.MULTILINE)[0].splitlines():
         line = line.split("#", 1)[0].strip()
         match = _FIELD.match(line)
         if match and "=" not in match[3]:
             fields.append((match[1], match[2].lower()))
-    return tuple(fields) or _TODAY[short_name(schema_name)]
+    return tuple(fields) or _today(schema_name)
+
+
+def _today(schema_name: str) -> Layout:
+    """Raises ValueError for a message that is not known here."""
+    name = short_name(schema_name)
+    if name not in _TODAY:
+        raise ValueError(f"the message {name} is not known here, and its definition is missing")
+    return _TODAY[name]
 
 
 def read_message(data: bytes, layout: Layout, ros2: bool) -> dict[str, Any]:
@@ -120,6 +130,8 @@ class _Cursor:
         self._largest = 1
         self._order = "<"
         if cdr:
+            if len(data) < 4:
+                raise ValueError(f"{len(data)} bytes are no CDR message")
             kind = struct.unpack_from(">H", data, 0)[0]
             if kind not in (0, 1, 6, 7):  # plain CDR, versions 1 and 2, big- and little-endian
                 raise ValueError(f"CDR representation {kind:#06x} is not supported (plain CDR is)")

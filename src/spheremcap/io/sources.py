@@ -1,18 +1,21 @@
-"""What is tracked: a video file, or image topics of a recording together with what is copied of it."""
+"""What is tracked: a video file, a folder of pictures, or image topics of a recording with what is copied of it."""
 
 import itertools
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Literal
 
-from spheremcap.core.camera import Camera
 from spheremcap.core.time import NS_PER_S
-from spheremcap.errors import SourceError, UsageError
+from spheremcap.errors import UsageError
+from spheremcap.io.folder import PictureFolder
+from spheremcap.io.input_file import is_recording as is_recording
 from spheremcap.io.join import McapStream
 from spheremcap.io.mcap_images import McapImageSource, TimeBase, image_topics
-from spheremcap.io.mcap_records import MAGIC, McapRecords
+from spheremcap.io.mcap_records import McapRecords
+from spheremcap.io.source import Source
 from spheremcap.io.topics import LOG, MARKERS, OVERVIEW, REQUESTS, SCENE, TRANSFORMS, Topics
 from spheremcap.io.video import VideoSource
 
@@ -42,15 +45,12 @@ class FromMcap:
 class CameraView:
     """One camera of the input. `name` goes before its markers' topics when there are several cameras.
 
-    `taken` are the topics that come into the output from the input. `codec` says what the pictures are, and
-    `passthrough_reason` why they cannot be handed on as they are (None: they can). `notes` are for the user.
+    `taken` are the topics that come into the output from the input. `notes` are for the user.
     """
 
-    source: VideoSource | McapImageSource
+    source: Source
     name: str = ""
     taken: frozenset[str] = frozenset()
-    codec: str = ""
-    passthrough_reason: str | None = None
     notes: tuple[str, ...] = ()
 
     def lost(self) -> list[str]:
@@ -58,31 +58,14 @@ class CameraView:
         return _named(self.source.path, self.source.lost.lines() if self.source.lost else [])
 
     @property
-    def topic(self) -> str:
-        """The image topic; "" for a video file."""
-        return self.source.topic if isinstance(self.source, McapImageSource) else ""
-
-    @property
-    def time_source(self) -> str:
-        """Where the stamps come from."""
-        if isinstance(self.source, McapImageSource):
-            return f"{self.source.time} times of {self.topic}"
-        return self.source.start_time_source
-
-    @property
     def copied(self) -> bool:
         """Whether the output has the pictures anyway."""
-        return self.topic in self.taken
-
-    @property
-    def calibration(self) -> Camera | None:
-        """The camera found beside the pictures."""
-        return self.source.calibration if isinstance(self.source, McapImageSource) else None
+        return self.source.topic in self.taken
 
     @property
     def calibrated(self) -> bool:
         """Whether the output has the calibration anyway."""
-        return isinstance(self.source, McapImageSource) and self.source.calibration_topic in self.taken
+        return self.source.calibration_topic in self.taken
 
     def topics(self, *, pictures: Literal["video", "image"] | None, calibration: bool) -> Topics:
         """Names for our channels that the input has not taken; beside the input's pictures where those are
@@ -90,13 +73,13 @@ class CameraView:
 
         `pictures` is the topic of those that we write ourselves, if we do; `calibration` whether we write that.
         """
-        if not self.copied or not isinstance(self.source, McapImageSource):
+        if not self.copied:
             return Topics(self.name, self.name) if self.name else Topics()
         camera = ["annotations"] + ["calibration"] * calibration + ([pictures] if pictures else [])
         root = _free(self.name, [LOG, SCENE, REQUESTS, OVERVIEW, MARKERS], self.taken)
         frame_id = self.source.frame_id
         return _TopicsBeside(
-            _free(self.name or _prefix(self.topic), camera, self.taken),
+            _free(self.name or _prefix(self.source.topic), camera, self.taken),
             root,
             "" if frame_id else f"{_free(root, [TRANSFORMS], self.taken)}/{TRANSFORMS}",
             frame_id,
@@ -142,29 +125,24 @@ def _named(path: Path, lines: Iterable[str]) -> list[str]:
     return [line if line.startswith(str(path)) else f"{path}: {line}" for line in lines]
 
 
-def is_recording(path: Path) -> bool:
-    """Whether an input is taken as MCAP: by its name or its first bytes."""
-    if path.suffix.lower() == ".mcap":
-        return True
-    if not path.is_file():
-        return False
-    try:
-        with path.open("rb") as file:
-            return file.read(5) == MAGIC[:5]
-    except OSError as error:
-        raise SourceError(f"{path}: cannot be opened: {error.strerror}") from error
-
-
 @contextmanager
 def open_input(
-    path: Path, choice: FromMcap | None = None, *, start_time_ns: int | None = None, packets: bool = True
+    path: Path,
+    choice: FromMcap | None = None,
+    *,
+    start_time_ns: int | None = None,
+    rate: Fraction | None = None,
+    packets: bool = True,
 ) -> Iterator[Input]:
-    """Open a video file, or the chosen pictures of a recording; closed on the way out.
+    """Open a video file, a folder of pictures, or the chosen pictures of a recording; closed on the way out.
 
-    `start_time_ns` and `packets` are VideoSource's. Raises SourceError for what cannot be read, UsageError
-    where something has to be said, or was said of the wrong kind of input.
+    `start_time_ns` is for videos and folders, `rate` (pictures a second) for folders, `packets` is VideoSource's.
+    Raises SourceError for what cannot be read, UsageError where something has to be said, or was said of the wrong kind
+    of input.
     """
     with ExitStack() as stack:
+        if rate is not None and not _is_folder(path):
+            raise UsageError(f"{path}: --rate is for a folder of pictures; what is here has its own times")
         if is_recording(path):
             if start_time_ns is not None:
                 raise UsageError(f"{path}: a recording has its own times: choose with --time, not --start-time")
@@ -172,10 +150,20 @@ def open_input(
         else:
             if choice is not None:
                 raise UsageError(f"{path}: --topic, --time, --start, --end and --copy are for MCAP input")
-            source = VideoSource(path, start_time_ns=start_time_ns, packets=packets)
-            stack.enter_context(source)
-            reason = source.passthrough_reason
-            yield Input(path, (CameraView(source, codec=source.codec, passthrough_reason=reason),))
+            if _is_folder(path):
+                if rate is None:
+                    raise UsageError(f"{path}: is a folder: how many pictures a second? Give --rate, as in --rate 240")
+                source: Source = PictureFolder(path, rate, start_time_ns=start_time_ns)
+            else:
+                source = stack.enter_context(VideoSource(path, start_time_ns=start_time_ns, packets=packets))
+            yield Input(path, (CameraView(source),))
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
 
 
 def _open_recording(path: Path, choice: FromMcap, stack: ExitStack) -> Input:
@@ -183,7 +171,7 @@ def _open_recording(path: Path, choice: FromMcap, stack: ExitStack) -> Input:
         if choice.topics.count(topic) > 1:
             raise UsageError(f"--topic {topic} is there twice")
     records = stack.enter_context(McapRecords(path))
-    sources = _open_topics(path, choice, stack, records)
+    sources = _open_topics(path, choice, records)
     tracked = [source.topic for source in sources]
     beside = [s.calibration_topic for s in sources if s.calibration_topic is not None]
     taken: list[str] = []
@@ -199,7 +187,6 @@ def _open_recording(path: Path, choice: FromMcap, stack: ExitStack) -> Input:
             source,
             _name(source.topic, tracked) if len(tracked) > 1 else "",
             frozenset(taken),
-            *_passthrough(source),
             _far_apart(records, choice, source),
         )
         for source in sources
@@ -207,21 +194,16 @@ def _open_recording(path: Path, choice: FromMcap, stack: ExitStack) -> Input:
     return Input(path, views, records, streams)
 
 
-def _open_topics(path: Path, choice: FromMcap, stack: ExitStack, records: McapRecords) -> list[McapImageSource]:
+def _open_topics(path: Path, choice: FromMcap, records: McapRecords) -> list[McapImageSource]:
     if not choice.topics and len(found := image_topics(records)) > 1:
         listed = ", ".join(map(str, found))
         raise UsageError(f"{path} has several image topics, name one (or more) with --topic: {listed}")
     wanted = choice.topics or (None,)
     given = {"start_ns": choice.start_ns, "end_ns": choice.end_ns}
     if any(ns is not None and ns < LARGEST_RELATIVE_NS for ns in given.values()):
-        first_ns = min(_first_stamp_ns(path, topic, choice.time) for topic in wanted)
-        given = {k: first_ns + ns if ns is not None and ns < LARGEST_RELATIVE_NS else ns for k, ns in given.items()}
-    return [stack.enter_context(McapImageSource(path, topic, time=choice.time, **given)) for topic in wanted]
-
-
-def _first_stamp_ns(path: Path, topic: str | None, time: TimeBase) -> int:
-    with McapImageSource(path, topic, time=time) as source:
-        return source.first_stamp_ns
+        firsts = [McapImageSource(records, topic, time=choice.time).first_stamp_ns for topic in wanted]
+        given = {k: min(firsts) + ns if ns is not None and ns < LARGEST_RELATIVE_NS else ns for k, ns in given.items()}
+    return [McapImageSource(records, topic, time=choice.time, **given) for topic in wanted]
 
 
 def _far_apart(records: McapRecords, choice: FromMcap, source: McapImageSource) -> tuple[str, ...]:
@@ -237,14 +219,6 @@ def _far_apart(records: McapRecords, choice: FromMcap, source: McapImageSource) 
         f"{'after' if apart_ns > 0 else 'before'} the log times, and so will be our channels: "
         "use --time log where that is not wanted",
     )
-
-
-def _passthrough(source: McapImageSource) -> tuple[str, str | None]:
-    """What the pictures are, and why they cannot be handed on (None: they can), by the first of them."""
-    first = next(source.frames()).encoded
-    if first is None:
-        return "", "the pictures are not JPEG, nor H.264 or H.265 without B-frames"
-    return first.format, None if first.key else "the first picture asked for is not a key frame"
 
 
 def _prefix(topic: str) -> str:

@@ -1,33 +1,56 @@
 """TOML from a file, and what is wrong with it in one line."""
 
 import os
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from spheremcap.errors import SettingsError
+from spheremcap.errors import SettingsError, short
+
+_LARGEST_TOML_BYTES = 16 << 20
+_COMMA = re.compile(r"=\s*[-+]?\d+,\d")
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """A file's table; a byte order mark before it does not matter. Raises SettingsError."""
+    """The tables of a TOML file; a byte order mark is passed over. Raises SettingsError."""
+    path = Path(path)
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise SettingsError(f"{path}: no such file") from None
+        if not path.exists():
+            raise SettingsError(f"{path}: no such file")
+        if not path.is_file():
+            raise SettingsError(f"{path}: is {'a folder' if path.is_dir() else 'no regular file'}, not a TOML file")
+        with path.open("rb") as file:
+            data = file.read(_LARGEST_TOML_BYTES + 1)
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
+    if len(data) > _LARGEST_TOML_BYTES:
+        raise SettingsError(f"{path}: is larger than {_LARGEST_TOML_BYTES >> 20} MB: not a settings or seeds file")
+    utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
+    try:
+        text = data.decode("utf-16" if utf16 else "utf-8-sig")
     except UnicodeDecodeError as error:
         raise SettingsError(f"{path}: not TOML: byte {error.start} is not UTF-8 text; save it as UTF-8") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise SettingsError(f"{path}: not TOML: {error}") from error
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise SettingsError(f"{path}: not TOML that anybody wrote: its values are nested too deeply") from None
+    except ValueError as error:  # tomllib's own, or Python's for a number of thousands of digits
+        line = re.search(r"at line (\d+)", str(error))
+        wrong = text.splitlines()[int(line[1]) - 1] if line is not None else ""
+        hint = "; decimals have a point, as in 0.04" if _COMMA.search(wrong) else ""
+        raise SettingsError(f"{path}: not TOML: {short(error)}{hint}") from error
 
 
-def first_problem(error: ValidationError) -> str:
-    """The first key that is wrong, and why."""
-    first = error.errors()[0]
+def first_problem(error: ValidationError, known_keys: str = "") -> str:
+    """One line about the first thing that is wrong: its key, what was expected and what was found; `known_keys` says
+    behind an unknown key where the others are listed.
+    """
+    first = error.errors(include_url=False)[0]
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
-        return f"unknown key {key!r}"
-    return f"{key}: {first['msg']} (found {first['input']!r})" if key else str(first["msg"])
+        return f"unknown key {short(key)}{known_keys}"
+    message = " ".join(str(first["msg"]).removeprefix("Value error, ").split())
+    return f"{key}: {message} (found {short(first['input'])})" if key else message

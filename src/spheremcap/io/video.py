@@ -7,95 +7,42 @@ where there are no stamps at all (a bare H.264 stream), and that is counted.
 
 A picture whose stamp does not come after the one before it is put half a picture later, and counted; where
 the clock falls back by more than a second it was restarted, and everything after is moved on to follow.
-
-Colour is what the stream says. Where it says nothing: BT.709 from 720 rows on, else BT.601, limited range, as
-players do; gray is full range, as FFmpeg has it. Rows and columns are those of the picture as displayed.
 """
 
 import itertools
 import os
 import re
-from collections.abc import Generator, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Generator, Iterator
 from fractions import Fraction
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Any, ClassVar, Literal, TypeAlias, cast
+from typing import Literal, TypeAlias, cast
 
 import av
 import av.container
-import av.filter
-import av.logging
-import numpy as np
-import numpy.typing as npt
-from av.bitstream import BitStreamFilterContext
 from av.stream import Discard, Disposition
-from av.video.format import VideoFormat
-from av.video.reformatter import VideoReformatter
 
-from spheremcap.core.frame import BgrFrame, EncodedPicture, Frame, YuvFrame, yuv_to_bgr_matrix
+from spheremcap.core.camera import Camera
+from spheremcap.core.frame import Frame
 from spheremcap.core.time import NS_PER_S, parse_time_ns, ticks_to_ns
-from spheremcap.errors import SourceError
+from spheremcap.errors import SourceError, short
+from spheremcap.io.annex_b import CODECS, AnnexB, Packet
+from spheremcap.io.input_file import checked_input
+from spheremcap.io.picture import LARGEST_PX, Pictures, bounded
+from spheremcap.io.source import Losses
 
-av.logging.set_level(None)  # FFmpeg's own log says nothing a user can use; errors are told once, in one line.
-
-Plane = npt.NDArray[np.uint8]
 StartTimeSource = Literal["start-time", "creation-time", "zero"]
 
 _COVERS = Disposition.attached_pic | Disposition.timed_thumbnails | Disposition.still_image
 _FREE_RUNNING_CLOCKS = ("mpegts", "mpeg")
 _TS_PACKET_BYTES = (188, 192, 204)
-_ANNEX_B = {"h264": ("h264_mp4toannexb", "h264"), "hevc": ("hevc_mp4toannexb", "h265")}
-"""Codec to its bitstream filter and to the name viewers know."""
 _INVISIBLE_PICTURES = ("vp8",)
 """Codecs with packets that show no picture, so that packets and pictures cannot be counted off."""
-_MATRICES = {1: "bt709", 4: "bt601", 5: "bt601", 6: "bt601", 7: "bt709", 9: "bt2020", 10: "bt2020"}
-"""FFmpeg's AVColorSpace to the matrix; SMPTE 240M (7) is nearest to BT.709."""
-_FULL_RANGE, _LIMITED_RANGE = 2, 1  # AVColorRange
-_SUBSAMPLING = {(4, 4): "410", (4, 1): "411", (2, 2): "420", (2, 1): "422", (1, 2): "440", (1, 1): "444"}
-_SEMI_PLANAR = {"nv12": 0, "nv21": 1, "nv16": 0, "nv24": 0, "nv42": 1}
-"""8-bit formats with U and V in one plane, and which of the two is U."""
+_LONGEST_PICTURE_NS = 10 * NS_PER_S
+_END_OF_TIME_NS = (1 << 63) - 1
 
-
-@dataclass
-class Losses:
-    """What could not be had from a video, counted as its frames are read; truthy when anything was lost."""
-
-    undecodable: int = 0
-    """Packets that never became a picture."""
-    damaged: int = 0
-    """Pictures kept although the decoder had to patch them."""
-    restamped: int = 0
-    """Pictures without a time stamp of their own, or with one that did not come after the picture before."""
-    stopped: str | None = None
-    """Why reading ended before the video's end, in one line; None when it did not."""
-
-    def __bool__(self) -> bool:
-        return bool(self.undecodable or self.damaged or self.stopped)
-
-    def lines(self) -> list[str]:
-        """One line per kind of loss, for a person."""
-        kinds = (
-            (self.undecodable, "could not be decoded: missing"),
-            (self.damaged, "damaged: kept as the decoder patched them"),
-            (self.restamped, "without a usable time stamp: given one from their neighbours"),
-        )
-        lines = [f"{count} picture{'s' * (count != 1)} {what}" for count, what in kinds if count]
-        if self.stopped:
-            lines.append(self.stopped)
-        return lines
-
-
-class DecodedFrame(YuvFrame):
-    """A YuvFrame that also knows its colour tags: `matrix` (bt601, bt709, bt2020) and `full_range`."""
-
-    matrix: str
-    full_range: bool
-
-
-_Packet: TypeAlias = "av.Packet[av.VideoStream]"
-_Decoded: TypeAlias = "tuple[av.VideoFrame, _Packet | None]"
+_Decoded: TypeAlias = "tuple[av.VideoFrame, Packet | None]"
 """A picture and the packet it came from (None when its time stamp does not say which)."""
 
 
@@ -118,13 +65,12 @@ class VideoSource:
         self._container, self._stream = _open(self.path)
         stream = self._stream
         self.codec: str = stream.codec_context.codec.canonical_name
-        self.stated_rate: Fraction | None = stream.average_rate or None
+        rate = stream.average_rate
+        self.stated_rate: Fraction | None = rate if rate and Fraction(1, 1000) <= rate <= 1_000_000 else None
         """What the file says its rate is: for people only, dt comes from stamps."""
-        self.frame_count_hint: int | None = stream.frames or None
-        self.duration_hint_s = _duration_s(self._container, stream)
+        self.frame_count_hint: int | None = stream.frames if stream.frames > 0 else None
         self.start_time_ns, self.start_time_source = _start(self._container, stream, start_time_ns)
 
-        self._reformatter = VideoReformatter()
         self._pictures = self._decode()
         try:
             first = next(self._pictures)
@@ -136,17 +82,14 @@ class VideoSource:
         picture = first[0]
         self.pixel_format: str = picture.format.name
         self.interlaced = picture.interlaced_frame
-        self._coded_size = (picture.width, picture.height)
-        self._orientation = _orientation(picture)
-        self.rotation_deg = self._orientation.clockwise_deg
+        self._picture = Pictures(picture)
+        self.width_px, self.height_px = self._picture.width_px, self._picture.height_px
+        self.rotation_deg = self._picture.orientation.clockwise_deg
         """Clockwise turn, 0, 90, 180 or 270, that the stored picture needs and every Frame has had."""
-        flip = self._orientation.transposed
-        self.width_px, self.height_px = self._coded_size[::-1] if flip else self._coded_size
         aspect = float(stream.sample_aspect_ratio or 1)
-        self.pixel_aspect = 1 / aspect if flip else aspect
+        aspect = aspect if 0.1 <= aspect <= 10 else 1.0
+        self.pixel_aspect = 1 / aspect if self._picture.orientation.transposed else aspect
         """How much wider than high a pixel of a Frame is, as the stream says; 1 where it says nothing."""
-        self._siting = _chroma_siting(picture)
-        self._default_matrix = "bt709" if max(picture.height, self.height_px) >= 720 else "bt601"
         pts = picture.pts or 0
         free = self._container.format.name in _FREE_RUNNING_CLOCKS
         self._origin_ticks = pts if free or pts < 0 else 0
@@ -176,11 +119,11 @@ class VideoSource:
         else:
             pictures = itertools.chain([self._peeked], self._pictures)
             self._peeked = None
-        annex_b = _AnnexB(self.codec, self._stream) if self.passthrough_reason is None else None
-        clock = _Clock(self._stream, self._origin_ticks)
+        annex_b = AnnexB(self.codec, self._stream) if self.passthrough_reason is None else None
+        clock = _Clock(self._stream, self._origin_ticks, _END_OF_TIME_NS - self.start_time_ns)
         for index, (picture, packet) in enumerate(pictures):
-            if (picture.width, picture.height) != self._coded_size:
-                was, now = self._coded_size, (picture.width, picture.height)
+            if (picture.width, picture.height) != self._picture.coded_size:
+                was, now = self._picture.coded_size, (picture.width, picture.height)
                 self.lost.stopped = (
                     f"{self.path}: the picture size changes from {was[0]}x{was[1]} to {now[0]}x{now[1]} "
                     f"after {index} pictures; the rest is left out"
@@ -189,21 +132,37 @@ class VideoSource:
             since_start_ns, as_stated = clock.stamp(picture)
             self.lost.restamped += not as_stated
             self.lost.damaged += picture.is_corrupt
-            frame = self._frame(index, self.start_time_ns + since_start_ns, picture)
+            try:
+                frame = self._picture.frame(index, self.start_time_ns + since_start_ns, picture)
+            except (av.FFmpegError, ValueError) as error:
+                self.lost.miss(f"picture {index}: its pixels cannot be converted ({short(error)})")
+                continue
             if annex_b is not None and packet is not None:
                 frame.encoded = annex_b.message(packet)
             yield frame
+
+    @property
+    def time_source(self) -> str:
+        """Where the stamps come from."""
+        return self.start_time_source
+
+    first_index = 0
+    # What only a recording has beside its pictures.
+    topic = ""
+    calibration_topic: str | None = None
+    calibration: Camera | None = None
+    frame_id = ""
 
     @cached_property
     def passthrough_reason(self) -> str | None:
         """Why the stream's packets cannot be handed on as one picture per message; None when they can."""
         if not self._packets_wanted:
             return "packets were not asked for"
-        if self.codec not in _ANNEX_B:
+        if self.codec not in CODECS:
             return f"the codec is {self.codec}, not h264 or hevc"
         if self.pixel_format not in ("yuv420p", "yuvj420p"):
             return f"the pixel format is {self.pixel_format}, not 8-bit 4:2:0"
-        if not self._orientation.upright:
+        if not self._picture.orientation.upright:
             return "the picture is stored rotated or mirrored"
         if self.interlaced:
             return "the pictures are interlaced"
@@ -220,7 +179,7 @@ class VideoSource:
         self.lost = lost = Losses()
         container, stream = self._container, self._stream
         reader = container.demux(stream)
-        waiting: dict[int, _Packet] = {}
+        waiting: dict[int, Packet] = {}
         last: tuple[int, bool] | None = None  # time stamp of the latest packet, and whether it is cut short
         errors = pictures_out = 0
         one_to_one = self.codec not in _INVISIBLE_PICTURES
@@ -232,7 +191,7 @@ class VideoSource:
                 break
             except (av.FFmpegError, OSError) as error:
                 lost.stopped = f"{self.path}: reading stopped after {pictures_out} pictures ({_short(error)})"
-                packet = cast(_Packet, av.Packet())  # empty: makes the decoder give what it still holds
+                packet = cast(Packet, av.Packet())  # empty: makes the decoder give what it still holds
                 ended = True
             if packet.size and packet.pts is not None:
                 last = max(last or (packet.pts, False), (packet.pts, packet.is_corrupt))
@@ -240,12 +199,12 @@ class VideoSource:
                     waiting[packet.pts] = packet
             try:
                 pictures = stream.codec_context.decode(packet if packet.size else None)
-            except av.FFmpegError:
+            except (av.FFmpegError, ValueError, MemoryError):
                 pictures, errors = [], errors + 1
             for picture in pictures:
                 pictures_out += 1
                 one_to_one = one_to_one and not picture.interlaced_frame
-                own: _Packet | None = None
+                own: Packet | None = None
                 if picture.pts in waiting:
                     own = waiting.pop(picture.pts)
                     overtaken = [pts for pts in waiting if pts < picture.pts]
@@ -258,60 +217,14 @@ class VideoSource:
         lost.undecodable = max(lost.undecodable, errors)
         lost.stopped = lost.stopped or _cut_short(self.path, container, stream, last, pictures_out)
 
-    def _frame(self, index: int, stamp_ns: int, picture: av.VideoFrame) -> Frame:
-        layout, turn = _layout(picture.format.name), self._orientation
-        if layout.convert_to is not None:
-            # Only depth and packing change: range, matrix and chroma grid stay those of the stream.
-            picture = self._reformatter.reformat(picture, format=layout.convert_to, threads=1)
-        width, height = picture.width, picture.height
-        if layout.convert_to == "bgr24":
-            bgr = _plane(picture, 0, 3 * width, height).reshape(height, width, 3)
-            return BgrFrame(index, stamp_ns, np.ascontiguousarray(turn.apply(bgr)))
-        (sx, sy), (ox, oy) = layout.step, _chroma_origin(self._siting, layout.step)
-        columns, rows = -(-width // sx), -(-height // sy)
-        y = _plane(picture, 0, width, height)
-        if layout.gray:
-            u = v = np.broadcast_to(np.uint8(128), (rows, columns))
-        elif layout.u_first is not None:
-            both = _plane(picture, 1, 2 * columns, rows).reshape(rows, columns, 2)
-            u, v = both[..., layout.u_first], both[..., 1 - layout.u_first]
-        else:
-            u, v = _plane(picture, 1, columns, rows), _plane(picture, 2, columns, rows)
-        if turn.transposed:
-            (sx, sy), (ox, oy), (width, height), (columns, rows) = (
-                (sy, sx),
-                (oy, ox),
-                (height, width),
-                (rows, columns),
-            )
-        if turn.flip_x:
-            ox = width - 1 - (ox + (columns - 1) * sx)
-        if turn.flip_y:
-            oy = height - 1 - (oy + (rows - 1) * sy)
-        matrix = _MATRICES.get(picture.colorspace, self._default_matrix)
-        full_range = picture.color_range == _FULL_RANGE or layout.full_range
-        full_range = full_range or (layout.gray and picture.color_range != _LIMITED_RANGE)
-        frame = DecodedFrame(
-            index, stamp_ns, turn.apply(y), (turn.apply(u), turn.apply(v)), (sx, sy), (ox, oy),
-            _to_bgr(matrix, full_range),
-        )  # fmt: skip
-        frame.matrix, frame.full_range = matrix, full_range
-        return frame
-
 
 def _open(path: Path) -> tuple[av.container.InputContainer, av.VideoStream]:
     """Open a file and pick its video stream; every way this can fail is one SourceError."""
-    if not path.exists():
-        raise SourceError(f"{path}: no such file; check the name")
-    if path.is_dir():
-        raise SourceError(f"{path}: is a folder, not a video; name one file in it")
+    checked_input(path, "a video")
     try:
-        size = path.stat().st_size
-        if size == 0:
-            raise SourceError(f"{path}: is empty (0 bytes); copy it again from the camera")
         # "file:" keeps FFmpeg from reading a colon in the name as a protocol.
         container = av.open(f"file:{path}", metadata_errors="replace")
-    except (av.FFmpegError, OSError) as error:
+    except (av.FFmpegError, OSError, ValueError) as error:
         if _is_mp4_without_index(path):
             raise SourceError(
                 f"{path}: an MP4 without its index ('moov'): the recording was never finished; "
@@ -331,6 +244,13 @@ def _open(path: Path) -> tuple[av.container.InputContainer, av.VideoStream]:
         container.close()
         raise SourceError(f"{path}: FFmpeg has no decoder for its video; convert it to H.264 first")
     best = max(readable, key=lambda stream: stream.codec_context.width * stream.codec_context.height)
+    size = (best.codec_context.width, best.codec_context.height)
+    if size[0] * size[1] > LARGEST_PX:
+        container.close()
+        raise SourceError(
+            f"{path}: pictures of {size[0]}x{size[1]} are too large ({LARGEST_PX >> 20} million pixels at most)"
+        )
+    bounded(best.codec_context)
     for stream in container.streams:
         if stream.index != best.index:
             stream.discard = Discard.all
@@ -372,7 +292,7 @@ def _start(
             created_ns = parse_time_ns(metadata["creation_time"])
         except (KeyError, ValueError, OverflowError):
             continue
-        if created_ns > 0:
+        if 0 < created_ns < _END_OF_TIME_NS // 2:  # after 2116 it is no time of a camera's
             return created_ns, "creation-time"
     return 0, "zero"
 
@@ -387,12 +307,6 @@ def _stated_end_s(container: av.container.InputContainer, stream: av.VideoStream
     if container.format.name == "flv" and len(container.streams) == 1 and container.duration:
         return Fraction(container.duration, av.time_base)
     return None
-
-
-def _duration_s(container: av.container.InputContainer, stream: av.VideoStream) -> float | None:
-    if stream.duration and stream.time_base:
-        return float(stream.duration * stream.time_base)
-    return container.duration / av.time_base if container.duration else None
 
 
 def _cut_short(
@@ -437,7 +351,7 @@ def _packets_reason(path: Path, codec: str) -> str | None:
                 return "the stream reorders its pictures (B-frames)"
             first, previous = previous is None, packet.pts
             if first:
-                annex_b = _AnnexB(codec, stream)
+                annex_b = AnnexB(codec, stream)
                 if not annex_b.message(packet).key or not annex_b.complete:
                     return "it does not begin with a key frame and its parameter sets"
     except (av.FFmpegError, OSError):
@@ -447,71 +361,16 @@ def _packets_reason(path: Path, codec: str) -> str | None:
     return None if previous is not None else "it has no packets"
 
 
-class _AnnexB:
-    """Turns a stream's packets into Annex B messages whose key frames carry their parameter sets."""
-
-    _SETS: ClassVar = {"h264": (7, 8), "hevc": (32, 33, 34)}
-    _KEYS: ClassVar = {"h264": (5,), "hevc": tuple(range(16, 22))}
-    _DELIMITER: ClassVar = {"h264": 9, "hevc": 35}
-
-    def __init__(self, codec: str, stream: av.VideoStream) -> None:
-        filter_name, self.format = _ANNEX_B[codec]
-        self._codec = codec
-        self._filter = BitStreamFilterContext(filter_name, stream)
-        self._known: dict[int, bytes] = {}
-        extradata = stream.codec_context.extradata or b""
-        if extradata.startswith((b"\0\0\1", b"\0\0\0\1")):
-            self._remember(self._split(extradata))
-
-    @property
-    def complete(self) -> bool:
-        """Whether all kinds of parameter sets were seen."""
-        return len(self._known) == len(self._SETS[self._codec])
-
-    def message(self, packet: _Packet) -> EncodedPicture:
-        """The packet as one Annex B access unit. Takes packets in stream order, and empties them."""
-        may_be_key = packet.is_keyframe
-        data = b"".join(bytes(part) for part in self._filter.filter(packet))
-        if not may_be_key:
-            return EncodedPicture(data, self.format, False)
-        units = self._split(data)
-        kinds = [kind for kind, _ in units]
-        self._remember(units)
-        key = any(kind in self._KEYS[self._codec] for kind in kinds)
-        missing = [self._known[k] for k in self._SETS[self._codec] if k not in kinds and k in self._known]
-        if key and missing:
-            first = 1 if kinds[0] == self._DELIMITER[self._codec] else 0
-            parts = [unit for _, unit in units]
-            parts[first:first] = missing
-            data = b"".join(b"\0\0\0\1" + part for part in parts)
-        return EncodedPicture(data, self.format, key)
-
-    def _remember(self, units: list[tuple[int, bytes]]) -> None:
-        for kind in self._SETS[self._codec]:
-            same_kind = [unit for k, unit in units if k == kind]
-            if same_kind:
-                self._known[kind] = b"\0\0\0\1".join(same_kind)
-
-    def _split(self, data: bytes) -> list[tuple[int, bytes]]:
-        """The NAL units of an Annex B byte stream as (type, bytes without start code)."""
-        units = []
-        at = data.find(b"\0\0\1")
-        while at >= 0:
-            after = data.find(b"\0\0\1", at + 3)
-            unit = data[at + 3 : after if after >= 0 else len(data)].rstrip(b"\0")
-            if unit:
-                units.append((unit[0] & 31 if self._codec == "h264" else unit[0] >> 1 & 63, unit))
-            at = after
-        return units
-
-
 class _Clock:
     """Strictly increasing nanoseconds from the pictures' time stamps."""
 
-    def __init__(self, stream: av.VideoStream, origin_ticks: int) -> None:
+    def __init__(self, stream: av.VideoStream, origin_ticks: int, last_ns: int) -> None:
+        """No stamp comes after `last_ns`: one that would has been damaged."""
         self._time_base = stream.time_base or Fraction(1, NS_PER_S)
-        self._usual_ns = int(NS_PER_S / stream.average_rate) if stream.average_rate else NS_PER_S // 1000
+        usual_ns = int(NS_PER_S / stream.average_rate) if stream.average_rate else NS_PER_S // 1000
+        self._usual_ns = min(usual_ns, _LONGEST_PICTURE_NS)
         self._origin_ticks = origin_ticks
+        self._latest_ns = last_ns - 3600 * NS_PER_S
         self._shift_ns = 0
         self._last_ns: int | None = None
 
@@ -519,7 +378,11 @@ class _Clock:
         """The picture's time in ns, and whether it is the one the file states."""
         ticks = picture.pts if picture.pts is not None else picture.dts
         length_ns = ticks_to_ns(picture.duration, self._time_base) if picture.duration else self._usual_ns
+        if not 0 < length_ns <= _LONGEST_PICTURE_NS:
+            length_ns = self._usual_ns
         last, stated = self._last_ns, picture.pts is not None
+        if ticks is not None and ticks_to_ns(ticks - self._origin_ticks, self._time_base) > self._latest_ns:
+            ticks, stated = None, False
         if ticks is None:
             ns = 0 if last is None else last + length_ns
         else:
@@ -533,116 +396,3 @@ class _Clock:
                 ns = last + max(1, length_ns // 2)
         self._last_ns = ns
         return ns, stated
-
-
-@dataclass(frozen=True, slots=True)
-class _Orientation:
-    """How a stored picture becomes the displayed one: transpose, then reverse columns, then rows."""
-
-    transposed: bool = False
-    flip_x: bool = False
-    flip_y: bool = False
-
-    @property
-    def upright(self) -> bool:
-        return not (self.transposed or self.flip_x or self.flip_y)
-
-    @property
-    def clockwise_deg(self) -> int:
-        """The turn in it (a mirror image counts as the turn of its left-right mirror)."""
-        if self.transposed:
-            return 270 if self.flip_y else 90
-        return 180 if self.flip_y else 0
-
-    def apply(self, plane: Plane) -> Plane:
-        """A view of the plane (rows, columns, ...) as displayed."""
-        if self.transposed:
-            plane = plane.swapaxes(0, 1)
-        if self.flip_x:
-            plane = plane[:, ::-1]
-        return plane[::-1] if self.flip_y else plane
-
-
-def _orientation(picture: av.VideoFrame) -> _Orientation:
-    """FFmpeg's display matrix (a b u; c d v; x y w): stored (p, q) is displayed at (ap + cq, bp + dq)."""
-    matrix = cast("Mapping[str, Any]", picture.side_data).get("DISPLAYMATRIX")
-    if matrix is None:
-        return _Orientation()
-    a, b, _, c, d = (int(v) for v in np.frombuffer(matrix, np.int32)[:5])
-    transposed = abs(b) > abs(a)
-    return _Orientation(transposed, (c if transposed else a) < 0, (b if transposed else d) < 0)
-
-
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """How a pixel format's planes are read.
-
-    `step` is the chroma subsampling (x, y); `u_first` which of two samples is U where U and V share a plane;
-    `convert_to` the 8-bit format swscale has to make first, None when the planes can be read as they are.
-    """
-
-    step: tuple[int, int] = (1, 1)
-    u_first: int | None = None
-    gray: bool = False
-    full_range: bool = False
-    convert_to: str | None = None
-
-
-@cache
-def _layout(name: str) -> _Layout:
-    pixel = VideoFormat(name, 16, 16)
-    step = (16 // pixel.chroma_width(16), 16 // pixel.chroma_height(16))
-    if re.fullmatch(r"yuv[aj]?4\d\dp", name):
-        return _Layout(step, full_range="yuvj" in name)
-    if name in _SEMI_PLANAR:
-        return _Layout(step, u_first=_SEMI_PLANAR[name])
-    if pixel.is_rgb or pixel.has_palette or name.startswith(("mono", "xyz")):
-        return _Layout(convert_to="bgr24")
-    if sum(not component.is_alpha for component in pixel.components) == 1:
-        return _Layout(gray=True, convert_to=None if name == "gray" else "gray")
-    return _Layout(step, convert_to=f"yuv{_SUBSAMPLING[step]}p")
-
-
-def _plane(picture: av.VideoFrame, index: int, width: int, height: int) -> Plane:
-    """Plane `index` as a read-only (height, width) view of the decoder's memory, which it keeps alive."""
-    plane = picture.planes[index]
-    rows = np.frombuffer(memoryview(plane).toreadonly(), np.uint8).reshape(height, abs(plane.line_size))
-    return rows[:: 1 if plane.line_size > 0 else -1, :width]
-
-
-def _chroma_siting(picture: av.VideoFrame) -> str:
-    """Where chroma samples lie (left, center, topleft, ...), which FFmpeg tells only its own filters."""
-    graph = av.filter.Graph()
-    source = graph.add_buffer(
-        width=picture.width,
-        height=picture.height,
-        format=picture.format,
-        time_base=picture.time_base or Fraction(1, NS_PER_S),
-    )
-    show, sink = graph.add("showinfo"), graph.add("buffersink")
-    source.link_to(show)
-    show.link_to(sink)
-    level = av.logging.get_level()
-    try:
-        graph.configure()
-        av.logging.set_level(av.logging.INFO)
-        with av.logging.Capture() as messages:
-            graph.push(picture)
-            graph.pull()
-    except (av.FFmpegError, OSError, ValueError):
-        return "unspecified"
-    finally:
-        av.logging.set_level(level)
-    said = re.search(r" cl:(\w+)", "".join(text for _, _, text in messages))
-    return said[1] if said else "unspecified"
-
-
-def _chroma_origin(siting: str, step: tuple[int, int]) -> tuple[float, float]:
-    """Luma column and row of the first chroma sample; unspecified is left, as in H.264, HEVC and MPEG-2."""
-    sx, sy = step
-    x = 0.0 if "left" in siting or siting == "unspecified" else (sx - 1) / 2
-    y = 0.0 if "top" in siting else sy - 1.0 if "bottom" in siting else (sy - 1) / 2
-    return x, y
-
-
-_to_bgr = cache(yuv_to_bgr_matrix)

@@ -38,6 +38,9 @@ StampArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 
+_LONGEST_S = 86_400.0
+
+
 class SyncError(SpheremcapError):
     """The signals do not say what the clock's offset and drift are."""
 
@@ -158,6 +161,7 @@ def _derived(stamp_ns: StampArray, xyz_m: FloatArray, order: int, config: SyncCo
         raise SyncError(f"the track has only {len(stamps)} measured positions")
     t = (stamps - stamps[0]) / NS_PER_S
     step = 1 / config.rate_hz
+    _check_span(float(t[-1]), "the track")
     count = int(t[-1] / step) + 1
     grid = np.arange(count) * step
     out = np.full((count, xyz.shape[1]), np.nan)
@@ -173,6 +177,12 @@ def _derived(stamp_ns: StampArray, xyz_m: FloatArray, order: int, config: SyncCo
     return stamps[0] + np.rint(grid * NS_PER_S).astype(np.int64), out
 
 
+def _check_span(span_s: float, what: str) -> None:
+    """Raises SyncError for a signal that is longer than any is: one of its stamps is damaged."""
+    if span_s > _LONGEST_S:
+        raise SyncError(f"{what} spans {span_s:.0f} s, more than a day: one of its stamps must be damaged")
+
+
 def _on_grid(signal: Signal, origin_ns: int, config: SyncConfig) -> tuple[float, FloatArray]:
     """A sensor's value on an even grid: its start in s after the origin, values (M,) with NaN in gaps."""
     t, first = np.unique((signal.stamp_ns - origin_ns) / NS_PER_S, return_index=True)
@@ -186,6 +196,7 @@ def _on_grid(signal: Signal, origin_ns: int, config: SyncConfig) -> tuple[float,
     if taps > 1:  # a faster sensor: the mean over a grid step
         value = np.convolve(np.pad(value, (taps // 2, (taps - 1) // 2), mode="edge"), np.full(taps, 1 / taps), "valid")
         t = t - (0.0 if taps % 2 else typical / 2)
+    _check_span(float(t[-1] - t[0]), "the sensor")
     grid = t[0] + np.arange(int((t[-1] - t[0]) / step) + 1) * step
     after = np.searchsorted(t, grid).clip(1, len(t) - 1)
     bridged = t[after] - t[after - 1] <= max(3 * typical, config.longest_gap_s)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from spheremcap.core.camera import Camera
 from spheremcap.core.frame import BgrImage
+from spheremcap.errors import UsageError
 from spheremcap.synth.kinematics import JOINTS, chair_to_camera, joint_chair_m, wave
 from spheremcap.synth.parts import Athlete, Backdrop, Vibration
 from spheremcap.synth.pixels import cut, mean_of_four
@@ -22,8 +23,10 @@ _CIRCLE = np.array([(np.cos(phi), np.sin(phi)) for phi in np.arange(24) * (2 * n
 @cache
 def photograph(name: str) -> BgrImage:
     """A photograph from scikit-image's wheel (no download), (height, width, 3) BGR."""
-    from skimage import data
-
+    try:
+        from skimage import data
+    except ImportError:
+        raise UsageError("the photographs come with scikit-image: pip install 'spheremcap[synth]'") from None
     given = getattr(data, "stereo_motorcycle" if name == "motorcycle" else name)()
     image = given[0] if isinstance(given, tuple) else given
     if image.ndim == 2:

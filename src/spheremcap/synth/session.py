@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import tomli_w
 
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Seed
@@ -108,25 +109,22 @@ def truth_row(index: int, stamp_ns: int, truth: MarkerTruth) -> str:
 def settings_toml(container: Container) -> str:
     """The settings of a session: its camera and its markers."""
     c = container.camera
-    lines = [
-        "[camera]", f"width_px = {c.width_px}", f"height_px = {c.height_px}",
-        f"fx_px = {c.fx_px!r}", f"fy_px = {c.fy_px!r}", f"cx_px = {c.cx_px!r}", f"cy_px = {c.cy_px!r}",
-        f'model = "{c.model}"', f"distortion = [{', '.join(repr(k) for k in c.distortion)}]",
-        f"exposure_s = {container.exposure_s:.9g}",
-        f"readout_s = {container.readout_s:.9g}",
-    ]  # fmt: skip
-    for name, diameter_m in container.markers:
-        lines += ["", "[[markers]]", f'name = "{name}"', f"diameter_m = {diameter_m!r}"]
-    return "\n".join(lines) + "\n"
+    camera = {
+        "width_px": c.width_px, "height_px": c.height_px, "fx_px": c.fx_px, "fy_px": c.fy_px, "cx_px": c.cx_px,
+        "cy_px": c.cy_px, "model": c.model, "distortion": list(c.distortion),
+        "exposure_s": float(f"{container.exposure_s:.9g}"), "readout_s": float(f"{container.readout_s:.9g}"),
+    }  # fmt: skip
+    markers = [tomli_w.dumps({"name": name, "diameter_m": diameter_m}) for name, diameter_m in container.markers]
+    return tomli_w.dumps({"camera": camera}) + "".join(f"\n[[markers]]\n{marker}" for marker in markers)
 
 
 def seeds_toml(seeds: tuple[Seed, ...]) -> str:
     """Seeds as a readable file."""
-    lines: list[str] = []
-    for s in seeds:
-        lines += ["[[seeds]]", f'marker = "{s.marker}"', f"frame = {s.frame_index}"]
-        lines += [f"x_px = {s.circle.x_px:g}", f"y_px = {s.circle.y_px:g}", f"r_px = {s.circle.r_px:g}", ""]
-    return "\n".join(lines)
+    rows = [
+        {"marker": s.marker, "frame": s.frame_index} | dict(zip(("x_px", "y_px", "r_px"), s.circle, strict=True))
+        for s in seeds
+    ]
+    return "\n".join("[[seeds]]\n" + tomli_w.dumps(row) for row in rows)
 
 
 def _click(circle: Circle, rng: np.random.Generator) -> Circle:
