@@ -10,8 +10,8 @@ what fails then is left out. Ends with 1 when a fault's text is not found any mo
 Faults up to 34 have the numbers of a reader's review of an early version, which 20 of its 35 faults escaped: these are
 they, in their present form. From 101 on they are of chain, status, checks, session, optics, whereabouts, verifier and
 follower, from 181 on of what edges, outline and filter make of what they know beforehand, from 211 on of shading,
-softness, exposure and returns, from 301 on of merge, from 401 on of output files and of how runs end, from 501 on of
-what comes from outside.
+softness, exposure and returns, from 231 on of size, what is hidden, what is elsewhere and pixels, from 301 on of merge,
+from 401 on of output files and of how runs end, from 501 on of what comes from outside.
 """
 
 import argparse
@@ -53,6 +53,8 @@ SHADING, REACQUIRED = "tests/detection/test_shading.py", "tests/verification/tes
 OUTPUT, OUTPUTS = "tests/io/test_output.py", "tests/cli/test_outputs.py"
 INTERRUPT, RECOVER = "tests/test_interrupt.py", "tests/io/test_recover.py"
 KILLS = "tests/abuse/test_kills.py"
+SIZE, MATCHING = "tests/positioning/test_size.py", "tests/verification/test_matching.py"
+ASPECT = "tests/detection/test_aspect.py"
 SPHERE, KALMAN = "tests/positioning/test_sphere.py", "tests/positioning/test_kalman.py"
 
 PLACEMENT = "tests/merging/test_placement.py"
@@ -146,9 +148,9 @@ FAULTS = (
         (DECISIONS,),
     ),
     Fault(
-        102, "chain: the first candidate for the best", "chain.py",
-        "        best = max(looks, key=lambda look: look.vote_sum, default=None)\n        self._miss",
-        "        best = looks[0] if looks else None\n        self._miss", (DECISIONS,),
+        102, "look: the first candidate for the foremost", "core/look.py",
+        "return min(looks, key=lambda look: (look.elsewhere, -look.vote_sum), default=None)",
+        "return next(iter(looks), None)", (DECISIONS,),
     ),
     Fault(
         103, "chain: doubts do not count", "chain.py",
@@ -156,7 +158,7 @@ FAULTS = (
     ),
     Fault(
         104, "chain: the filter goes on with a marker found again", "chain.py",
-        "again=not self.status.tracked", "again=False", (DECISIONS,),
+        "again=look.elsewhere", "again=False", (DECISIONS,),
     ),
     Fault(
         105, "chain: the estimated circle as under a global shutter", "chain.py",
@@ -173,8 +175,7 @@ FAULTS = (
     ),
     Fault(
         108, "chain: a marker found again teaches as before it was lost", "chain.py",
-        "        if self._expected is not None:\n            rate_px", "        if True:\n            rate_px",
-        (DECISIONS,),
+        "if self._expected is not None and not look.elsewhere:", "if self._expected is not None:", (DECISIONS, LEARNER),
     ),
     # -- status
     Fault(
@@ -261,11 +262,11 @@ FAULTS = (
     ),
     Fault(
         153, "whereabouts: one that left is sought where it would be", "positioning/whereabouts.py",
-        "        if left:\n            tolerance_m", "        if False:\n            tolerance_m", (WHEREABOUTS,),
+        "if left or centre is None or outside_px(frame, centre) > centre.r_px:", "if centre is None:", (WHEREABOUTS,),
     ),
     Fault(
         154, "whereabouts: the reach has no bound", "positioning/whereabouts.py",
-        ", 3 * circle.r_px)\n        return Expected", ", 300 * circle.r_px)\n        return Expected",
+        ", 3 * circle.r_px)\n        range_m", ", 300 * circle.r_px)\n        range_m",
         (WHEREABOUTS, DECISIONS),
     ),
     Fault(
@@ -316,12 +317,12 @@ FAULTS = (
     ),
     Fault(
         184, "whereabouts: the filter takes its own distance in", "positioning/whereabouts.py",
-        "self.track.update(*claim.outline_alone)", "self.track.update(claim.xyz_cam_m, claim.covariance_m2)",
+        "self.track.update(place, covariance)", "self.track.update(claim.xyz_cam_m, claim.covariance_m2)",
         (WHEREABOUTS,),
     ),
     Fault(
         185, "whereabouts: the filter starts with the likeliest place", "positioning/whereabouts.py",
-        "self.track.start(stamp_ns, *claim.outline_alone)",
+        "self.track.start(stamp_ns, place, covariance)",
         "self.track.start(stamp_ns, claim.xyz_cam_m, claim.covariance_m2)", (WHEREABOUTS,),
     ),
     Fault(
@@ -434,7 +435,8 @@ FAULTS = (
     ),
     Fault(
         223, "chain: a lost marker is never asked to be confirmed", "chain.py",
-        "looks = self._stages.reacquired.confirmed(looks, self.whereabouts.circle)", "pass", (DECISIONS,),
+        "found = self._stages.reacquired.confirmed(elsewhere, self.whereabouts.circle)", "found = elsewhere",
+        (DECISIONS,),
     ),
     Fault(
         224, "status: lost by the count alone", "core/status.py",
@@ -447,6 +449,126 @@ FAULTS = (
     Fault(
         226, "colour: hues of black pixels count", "detection/colour.py",
         "hue_off[chroma < _NO_HUE * np.median(chroma)] = 0", "pass", (COLOUR,),
+    ),
+    # -- size, what is hidden, what is elsewhere, pixels that are not square
+    Fault(
+        231, "size: rates do not forget themselves", "positioning/size.py",
+        "kept = math.exp(-lapse)", "kept = 1.0 - 1e-9 * lapse", (SIZE,),
+    ),
+    Fault(
+        232, "size: all models weigh the same", "positioning/size.py",
+        "weight = math.exp(scores[k] - best)", "weight = 1.0 + 0.0 * best", (SIZE,),
+    ),
+    Fault(
+        233, "size: evidence does not fade", "positioning/size.py",
+        "        scores[k] *= 1.0 - 1.0 / _MEMORY\n", "", (SIZE,),
+    ),
+    Fault(
+        234, "size: a start forgets which model holds", "positioning/size.py",
+        "        self._models[:, 4] = _RATES**2\n",
+        "        self._models[:, 4] = _RATES**2\n        self._scores[:] = 0\n",
+        (SIZE,),
+    ),
+    Fault(
+        235, "whereabouts: size is not asked", "positioning/whereabouts.py",
+        "if sized_sd < range_sd:", "if False:", (WHEREABOUTS,),
+    ),
+    Fault(
+        236, "whereabouts: size moves the distance and not the circle", "positioning/whereabouts.py",
+        "            circle = circle.resized(circle.r_px * range_m / sized_m)\n", "", (WHEREABOUTS,),
+    ),
+    Fault(
+        237, "whereabouts: away for long it is sought as it would be", "positioning/whereabouts.py",
+        "/ range_m if range_sd < _SIZE_OPEN else 1.0", "/ range_m", (WHEREABOUTS,),
+    ),
+    Fault(
+        238, "whereabouts: a distance that is not known excuses what is far aside", "positioning/whereabouts.py",
+        "3 * math.sqrt(max(spread, 0.0))", "3 * math.sqrt(deep)", (WHEREABOUTS,),
+    ),
+    Fault(
+        239, "whereabouts: steering moves the distance", "positioning/whereabouts.py",
+        "self.track.update(ray * range_m, spread", "self.track.update(place, spread", (WHEREABOUTS,),
+    ),
+    Fault(
+        240, "whereabouts: steering passes for being seen", "positioning/whereabouts.py",
+        "        range_m = float(np.linalg.norm(self.track.now.xyz_cam_m))\n        place = sphere_of_circle(followed",
+        "        self.circle = followed\n        range_m = float(np.linalg.norm(self.track.now.xyz_cam_m))\n"
+        "        place = sphere_of_circle(followed", (WHEREABOUTS,),
+    ),
+    Fault(
+        241, "matching: the gap is on the other side", "verification/matching.py",
+        "return Gap(float(angles[widest]) + half, half)", "return Gap(float(angles[widest]) - half, half)", (MATCHING,),
+    ),
+    Fault(
+        242, "matching: a small gap hides too", "verification/matching.py",
+        "    if gap.half <= _QUARTER:\n        return template\n", "", (MATCHING,),
+    ),
+    Fault(
+        243, "matching: what lies beyond the chord is kept instead", "verification/matching.py",
+        "left = template.r_px * math.cos(gap.half) - down", "left = -template.r_px * math.cos(gap.half) - down",
+        (MATCHING,),
+    ),
+    Fault(
+        244, "verifier: what hides a part votes", "verification/verifier.py",
+        "match(less_hidden(template, gap), patch", "match(template, patch", (VERIFIER,),
+    ),
+    Fault(
+        245, "verifier: any size may be part-hidden", "verification/verifier.py",
+        " or abs(math.log(claim.circle.r_px / prior.expected.r_px)) > _AS_LARGE", "", (VERIFIER,),
+    ),
+    Fault(246, "checks: no likeness", "verification/checks.py", '    "likeness": _likeness,\n', "", (CHECKS,)),
+    Fault(
+        247, "checks: what has the marker's colours may be hidden", "verification/checks.py",
+        "if not case.as_expected and case.colour[0] > case.shown + _NOT_HIDDEN:", "if False:", (CHECKS,),
+    ),
+    Fault(
+        248, "checks: a quarter of an outline anywhere", "verification/checks.py",
+        "    if on_its_way or case.as_expected:\n", "    if True:\n", (CHECKS,),
+    ),
+    Fault(
+        249, "checks: a seed without an outline asks for none", "verification/checks.py",
+        "if case.seeded_visible == 0:", "if False:", (CHECKS,),
+    ),
+    Fault(
+        250, "chain: a doubted marker is not looked for elsewhere", "chain.py",
+        "return (look, *(far for far in self._search(frame) if _news(far.claim, expected)))", "return (look,)",
+        (DECISIONS, CHECKS),
+    ),
+    Fault(
+        251, "chain: another reading of what hides it is news", "chain.py",
+        "return claim.visible > _CLEAR or claim.circle.distance(expected.circle) > expected.circle.r_px", "return True",
+        (DECISIONS, CHECKS),
+    ),
+    Fault(
+        252, "chain: KCF does not steer", "chain.py",
+        "                self.whereabouts.steer(self._expected.motion.still_circle(followed))\n",
+        "                pass\n",
+        (DECISIONS,),
+    ),
+    Fault(
+        253, "acquire: a blob is always the whole", "detection/acquire.py",
+        "            if dx + dy > _SHIFTED * r_px:\n", "            if False:\n", ("tests/detection/test_acquire.py",),
+    ),
+    Fault(
+        254, "aspect: any better outline is an ellipse", "detection/aspect.py",
+        "    if square is not None and square.visible > _HARDLY:\n        return 1.0\n", "", (ASPECT,),
+    ),
+    Fault(
+        255, "aspect: half an ellipse is enough", "detection/aspect.py",
+        "    if found is None or found.visible < _NEARLY:\n        return 1.0\n", "", (ASPECT,),
+    ),
+    Fault(
+        256, "aspect: no closer look", "detection/aspect.py",
+        "return float(min(best * _CLOSE, key=lambda aspect: _residual_px(_seen(frame, circle, aspect))))",
+        "return float(best)", (ASPECT,),
+    ),
+    Fault(
+        257, "api: the stream's word is doubted", "api.py",
+        "source.pixel_aspect != 1 or not isinstance", "not isinstance", ("tests/test_api.py",),
+    ),
+    Fault(
+        258, "chain: a seed on nothing is a seed", "chain.py",
+        "if measured.visible < _CLEARLY_SEEDED:", "if False:", (DECISIONS,),
     ),
     # -- merge: tables, times, placements
     Fault(
@@ -566,7 +688,8 @@ FAULTS = (
     ),
     Fault(
         330, "records: fewer messages than stated is no loss", "io/mcap_records.py",
-        "        self._compare(given, topics)\n", "", (MERGE_CLI, "tests/merging/test_mutants.py"),
+        "        self._compare(given, [i for i, c in", "        self._compare({}, [] and [i for i, c in",
+        (MERGE_CLI, "tests/merging/test_mutants.py"),
     ),
     Fault(
         331, "sync: damage is not said by the exit code", "cli/sync.py", "raise typer.Exit(3)", "pass", (MERGE_CLI,),
@@ -786,7 +909,7 @@ FAULTS = (
         "inputs=[],", (OUTPUTS,),
     ),
     Fault(
-        432, "outputs: merge checks only recordings", "merge/dataset.py",
+        432, "outputs: merge checks only recordings", "merging/dataset.py",
         "given_files = [*(source.path for source in sources), *inputs]",
         "given_files = [*inputs]", (OUTPUTS,),
     ),

@@ -160,7 +160,7 @@ def test_a_seed_on_a_picture_that_cannot_be_read_is_said_before_anything_is_writ
 
 
 def test_one_stamp_of_another_century_is_said_and_asks_for_no_memory(tmp_path: Path) -> None:
-    from spheremcap.merge.sync import SyncError, track_acceleration
+    from spheremcap.merging.sync import SyncError, track_acceleration
 
     stamps = np.arange(100, dtype=np.int64) * 5_000_000
     stamps[-1] = 2**62
@@ -186,7 +186,11 @@ def test_a_sensor_without_one_message_that_can_be_read_is_none(tmp_path: Path) -
     opened = recordings.open(path)
     assert opened.sensors == {}
     assert "/sensors/imu: 3 messages not as the schema says" in str(opened.damage)
-    one_line(run("sync", path, "--marker", "orange", "--sensor", "imu"), 2, "no marker 'orange'")
+    outcome = run("sync", path, "--marker", "orange", "--sensor", "imu")
+    assert outcome.code == 2, outcome
+    damaged, error = outcome.err.splitlines()
+    assert "a.mcap is damaged: /sensors/imu: 3 messages not as the schema says" in damaged
+    assert "no marker 'orange'" in error
 
 
 # --- what is no file ---
