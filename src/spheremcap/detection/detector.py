@@ -39,7 +39,7 @@ class Detector:
     def seeded(self, frame: Frame, circle: Circle) -> Measured:
         """A person's circle, sharpened by the edges where they agree with it."""
         measured = self.outline.first_look(frame, circle)
-        agrees = measured is not None and measured.circle.dice(circle) >= 0.7
+        agrees = measured is not None and measured.circle.dice(circle) >= 0.65
         return measured if measured is not None and agrees else self.outline.clicked(circle)
 
     def at_prediction(

@@ -33,6 +33,7 @@ FloatArray = npt.NDArray[np.float64]
 
 SOFTNESS = (1.0, 1.6, 2.4, 3.6)
 """Blurs of lens and focus that are tried, in `blur_sigma_px`."""
+_SEED_SIZES, _SEED_SEEN = (1.0, 1.25, 0.8), 0.7  # share of the outline from which a seed is where it should be
 _HOLD = {"seed": 0.03, "acquire": 0.1, "colour": 0.1}  # relative deviation of the proposals' sizes
 _HOLD_CLOSE = 0.01  # that of the others'
 _LOOKS = 3  # a coarse one and two fine ones
@@ -69,13 +70,18 @@ class Outline:
         return Measured(circle, (1.0, 1.0, 1.0), xyz, aside @ aside.T, 0.0, "seed", _NO_EDGES, _NONE, _NONE, AT_REST)
 
     def first_look(self, frame: Frame, circle: Circle) -> Measured | None:
-        """The seed sharpened, with the blur that explains its outline best."""
+        """The seed sharpened, with the blur that explains its outline best; where that is not much of one, also from
+        circles a quarter larger and smaller, as a hasty click may be."""
         best: Measured | None = None
-        for softness in SOFTNESS if self._edge.learn_blur else SOFTNESS[:1]:
-            motion = replace(AT_REST, softness=softness)
-            measured = self.sharpened(frame, circle, "seed", 0.25 * circle.r_px, motion, None)
-            if clearness(measured) > clearness(best) + 0.02:
-                best = measured
+        for size in _SEED_SIZES:
+            start = circle.resized(size * circle.r_px)
+            for softness in SOFTNESS if self._edge.learn_blur else SOFTNESS[:1]:
+                motion = replace(AT_REST, softness=softness)
+                measured = self.sharpened(frame, start, "seed", 0.25 * start.r_px, motion, None)
+                if clearness(measured) > clearness(best) + 0.02:
+                    best = measured
+            if best is not None and best.visible > _SEED_SEEN:
+                break
         return best
 
     def longest(
