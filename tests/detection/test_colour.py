@@ -20,6 +20,7 @@ from spheremcap.detection.colour import (
     disc_mask,
     disc_pixels,
     learn_box,
+    less_sure_of_hue,
     loosened,
 )
 
@@ -362,3 +363,15 @@ def test_a_strap_or_print_of_no_hue_does_not_widen_the_markers_hue():
     box = learn_box(both, ColourConfig())
     assert box.hue_half < 12
     assert abs(box.hue_mean - 28) < 3
+
+
+def test_the_less_colour_the_less_its_hue_says():
+    """Six levels of noise beside a chroma of 120 and of 12: 3 and 29 degrees, and the box's own."""
+    for chroma, degrees in ((120, np.degrees(6 / 120)), (12, np.degrees(6 / 12))):
+        pixels = np.tile(np.array([[20, 255, chroma]], np.uint8), (50, 1))
+        box = learn_box(pixels, ColourConfig())
+        wider = less_sure_of_hue(box, pixels)
+        assert 2 * wider.hue_half == pytest.approx(np.hypot(2 * box.hue_half, degrees))
+        assert (wider.hue_mean, wider.saturation, wider.value) == (box.hue_mean, box.saturation, box.value)
+    black = np.zeros((50, 3), np.uint8)
+    assert less_sure_of_hue(learn_box(black, ColourConfig()), black).hue_half == 90

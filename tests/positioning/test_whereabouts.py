@@ -297,6 +297,21 @@ def test_where_its_size_is_the_surer_it_says_how_far_and_how_large():
     assert found.circle.r_px == pytest.approx(circle_of_sphere(np.array([0, 0, 0.8]), RADIUS_M, CAMERA).r_px, rel=0.015)
 
 
+def test_an_outline_of_which_little_shows_tells_hardly_anything_of_the_size():
+    """What hides a part stays, and the circle on to which it shrinks is as sure of itself as a whole one."""
+    slow, found = 8 * STEP_NS, {}
+    for visible in (1.0, 0.8, 0.5):
+        where = Whereabouts(RADIUS_M, CAMERA, KalmanConfig(), PositionConfig())
+        for k in range(40):
+            if k:
+                where.track.predict(k * slow)
+            seen = claim((0.0, 0.0, 0.8 if k < 15 else 0.88))
+            where.accept(k * slow, replace(seen, visible=1.0 if k < 15 else visible), again=k == 0)
+        found[visible] = where.size.expect(40 * slow)[0]
+    assert found[1.0] == found[0.8] == pytest.approx(0.88, abs=0.005)
+    assert found[0.5] < 0.82
+
+
 def test_a_lost_one_is_expected_as_large_as_it_should_be_anywhere():
     where = moving((0.0, 0.0, 0.8), (0.5, 0.0, -0.4), frames=30)
     absence = where.absence(frame_at(where.seen.stamp_ns + 5 * STEP_NS), left=False)

@@ -100,9 +100,10 @@ def test_without_a_claim_all_six_are_cast_and_the_reason_is_that_there_was_no_ou
 
 def test_without_colours_the_checks_of_colour_are_not_asked():
     blue = Patch(bgr_frame(picture(ball_at(160, 120, 15, rgb=BLUE))), Window(100, 60, 121, 121))
+    plain = Patch(bgr_frame(picture(BALL)), Window(100, 60, 121, 121))
     for colour, named in ((True, True), (False, False)):
-        appearance = Appearance(FIRST, HERE, 1.0, ColourConfig())
-        verifier = Verifier(FIRST, HERE, appearance, JuryConfig(), MatchingConfig(), colour=colour)
+        appearance = Appearance(plain, HERE, 1.0, ColourConfig())
+        verifier = Verifier(plain, HERE, appearance, JuryConfig(), MatchingConfig(), colour=colour)
         assert ("colour" in look(verifier, blue, measured=claim()).doubts) == named
 
 

@@ -12,7 +12,15 @@ from spheremcap.core.circle import Circle
 from spheremcap.core.compiled import BGR, F8, I8, inner, kernel
 from spheremcap.core.frame import Patch
 from spheremcap.core.sampling import hsv_of
-from spheremcap.detection.colour import LIMITS, ColourConfig, box_mask, disc_pixels, in_box, learn_box
+from spheremcap.detection.colour import (
+    LIMITS,
+    ColourConfig,
+    box_mask,
+    disc_pixels,
+    in_box,
+    learn_box,
+    less_sure_of_hue,
+)
 
 Mask = npt.NDArray[np.uint8]
 Limits = npt.NDArray[np.float64]
@@ -68,7 +76,7 @@ class Appearance:
     def __init__(self, patch: Patch, circle: Circle, visible: float, config: ColourConfig) -> None:
         """Learn from a seed's circle (image pixels). Raises ValueError when none of it is inside the picture."""
         pixels = disc_pixels(patch, circle, config.sample)
-        self.box = learn_box(pixels, config)
+        self.box = less_sure_of_hue(learn_box(pixels, config), pixels)
         self.gain = 1.0
         self.visible = visible
         self._value = max(1.0, float(np.median(pixels[:, 2])))

@@ -1,7 +1,7 @@
 """ColorSmartBoundary: a box in HSV learnt from the marker, a mask, a blob (thesis sections 2.4.2 and 2.4.3)."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -16,6 +16,7 @@ from spheremcap.core.stage import StageConfig
 
 HUES = 180  # OpenCV's hue circle: 0..179, two degrees a step
 _NO_HUE = 0.15  # of the median product of saturation and value: below it a hue is chance
+_CHROMA_NOISE = 6.0  # levels by which chroma in video may be off
 
 
 class ColourConfig(StageConfig):
@@ -164,6 +165,14 @@ def learn_box(hsv: npt.NDArray[np.uint8], config: ColourConfig) -> ColourBox:
         (float(low[1]), float(high[1])),
         (float(low[2]), float(high[2])),
     )
+
+
+def less_sure_of_hue(box: ColourBox, hsv: npt.NDArray[np.uint8]) -> ColourBox:
+    """The box with the hues that noise in the chroma of pixels (N, 3) adds, independent of their own: the less colour
+    they have, the less their hue says."""
+    chroma = float(np.median(hsv[:, 1].astype(np.float64) * hsv[:, 2])) / 255
+    more = _CHROMA_NOISE / max(chroma, 1.0) * HUES / (2 * np.pi)
+    return replace(box, hue_half=min(math.hypot(box.hue_half, more), HUES / 2))
 
 
 def disc_pixels(patch: Patch, circle: Circle, share: float) -> npt.NDArray[np.uint8]:

@@ -23,6 +23,8 @@ from spheremcap.positioning.sphere import (
 
 _GROWTH = 2.0  # greatest ratio of a followed marker's radius to the expected one
 _FOLLOWED_SD, _FOLLOWED_RANGE_SD = 0.25, 0.3  # of a place that is only followed: sideways in radii, the distance
+_WHOLE, _HIDDEN_SD = 0.8, 1.5  # an outline of which less shows tells of the size only so far: relative deviation for
+# each share that is missing. What hides a part stays for long, and is wrong by as much in frame after frame.
 _FREE_S = 0.05  # time after which a marker may be two radii from where its motion brings it, whatever that was
 _SIZE_OPEN = 0.3  # relative deviation of a distance from which a marker's size is not known
 _ANYWHERE = 4.0  # radii within which a claim counts as at the candidate that it was found from
@@ -139,7 +141,8 @@ class Whereabouts:
             self.size.start(stamp_ns, range_m, range_sd)
         else:
             self.track.update(place, covariance)
-            self.size.update(stamp_ns, range_m, range_sd)
+            hidden_sd = _HIDDEN_SD * max(0.0, _WHOLE - claim.visible)
+            self.size.update(stamp_ns, range_m, math.hypot(range_sd, hidden_sd))
         self.circle, self.seen = claim.circle, self.track.now
 
     def steer(self, followed: Circle) -> None:
