@@ -225,6 +225,25 @@ def test_a_marker_found_again_says_nothing_of_the_optics_until_it_is_foreseen(mo
     assert taught == [circle for circle in found if circle != again]
 
 
+def test_what_is_thrown_right_after_the_seed_is_found_on_that_frame_and_teaches_nothing(monkeypatch):
+    """At 30 frames a second, three radii away: no motion was known, so that nothing says what blurred it."""
+    taught = []
+    monkeypatch.setattr(OpticsLearner, "learn", lambda self, marker, claim, *rest: taught.append(claim.circle))
+
+    def ball(i):
+        return ball_at(50 + 70 * i, 120, 16)
+
+    chain = MarkerChain(SPEC, CAMERA, ChainConfig())
+    frames = [BgrFrame(i, i * 33_333_333, picture(ball(i), noise_seed=i)) for i in range(4)]
+    chain.seed(frames[0], truth(ball(0)))
+    found = [chain.step(frame) for frame in frames[1:]]
+    assert [e.status for e in found] == [Status.VERIFIED] * 3
+    assert all(e.circle.dice(truth(ball(e.frame_index))) > 0.97 for e in found)
+    assert found[0].proposer in ("acquire", "colour")
+    assert found[0].circle not in taught
+    assert found[2].circle in taught
+
+
 def test_what_a_lost_marker_is_found_as_has_to_be_confirmed_and_a_followed_one_has_not(monkeypatch):
     asked = []
 

@@ -212,9 +212,10 @@ class MarkerChain:
 
     def _accept(self, frame: Frame, claim: Measured, look: Look) -> None:
         """Learn from a verified circle: filter, which starts anew elsewhere, template, brightness, size; and the
-        camera's optics."""
+        camera's optics. One that was verified on the frame before has leapt."""
         assert self._stages is not None
-        self.whereabouts.accept(frame.stamp_ns, claim, again=look.elsewhere)
+        leapt = look.elsewhere and self.misses == 0 and self.status.tracked
+        self.whereabouts.accept(frame.stamp_ns, claim, look.elsewhere, leapt)
         self._learn(frame, look.patch, claim)
         self.status = Status.VERIFIED
         if self._expected is not None and not look.elsewhere:

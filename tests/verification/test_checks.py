@@ -305,19 +305,20 @@ def test_the_size_check_does_not_take_a_larger_ball_for_a_marker_that_was_lost_f
     assert [e.frame_index for e in doubted_only_by("size", estimates)] == [*range(12, 18)]
 
 
-def test_the_outline_check_ends_it_when_a_slit_closes_on_the_marker():
-    """Colours, votes and the seed's template are for it to the end; there is just no outline left to measure."""
+def test_the_outline_check_ends_it_when_a_board_comes_over_the_marker():
+    """Votes on what shows and the seed's template are for it to the end; there is just too little outline left."""
 
     def scene(i):
-        half = max(2, 17 - 0.25 * max(0, i - 10))
-        x = truth(still(i)).x_px
-        covers = Cover(int(x - half) - 40, 0, int(x - half), 240), Cover(int(x + half), 0, int(x + half) + 40, 240)
-        return picture(still(i), covers=covers if i >= 10 else (), noise_seed=i)
+        x = truth(still(i)).x_px + 16 - 0.6 * max(0, i - 8)
+        return picture(still(i), covers=(Cover(int(x), 0, 320, 240),) if i >= 8 else (), noise_seed=i)
 
     estimates = follow(scene, still, 62)
     doubted = doubted_only_by("outline", estimates)
-    assert max(e.visible for e in doubted) < JURY.visible
-    assert min(e.visible for e in estimates if e.status is Status.VERIFIED) >= JURY.near_visible
+    assert max(e.visible for e in doubted) < JURY.near_visible
+    verified = [e for e in estimates if e.status is Status.VERIFIED]
+    assert min(e.visible for e in verified) >= JURY.near_visible
+    assert max(e.circle.distance(truth(still(e.frame_index))) for e in verified) < 3
+    assert not any(e.status.measured for e in estimates[doubted[-1].frame_index :])
 
 
 def test_the_part_check_doubts_a_claim_around_which_the_colour_goes_on():

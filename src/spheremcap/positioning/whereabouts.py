@@ -23,7 +23,7 @@ from spheremcap.positioning.sphere import (
 
 _GROWTH = 2.0  # greatest ratio of a followed marker's radius to the expected one
 _FOLLOWED_SD, _FOLLOWED_RANGE_SD = 0.25, 0.3  # of a place that is only followed: sideways in radii, the distance
-_WHOLE, _HIDDEN_SD = 0.8, 1.5  # an outline of which less shows tells of the size only so far: relative deviation for
+_WHOLE, _HIDDEN_SD = 0.8, 1.0  # an outline of which less shows tells of the size only so far: relative deviation for
 # each share that is missing. What hides a part stays for long, and is wrong by as much in frame after frame.
 _FREE_S = 0.05  # time after which a marker may be two radii from where its motion brings it, whatever that was
 _SIZE_OPEN = 0.3  # relative deviation of a distance from which a marker's size is not known
@@ -131,13 +131,16 @@ class Whereabouts:
         )
         return surprise, absence.growth
 
-    def accept(self, stamp_ns: int, claim: Measured, again: bool) -> None:
-        """Take a verified claim in; `again` starts the filter with it."""
+    def accept(self, stamp_ns: int, claim: Measured, again: bool, leapt: bool = False) -> None:
+        """Take a verified claim in; `again` starts the filter with it, where the marker `leapt` with the speed of that
+        leap."""
         place, covariance = claim.outline_alone
         square = float(place @ place)
         range_m, range_sd = math.sqrt(square), math.sqrt(float(place @ covariance @ place)) / square
         if again:
-            self.track.start(stamp_ns, place, covariance)
+            since_s = (stamp_ns - self.seen.stamp_ns) / NS_PER_S
+            leap_mps = (place - self.seen.xyz_cam_m) / since_s if leapt and since_s > 0 else None
+            self.track.start(stamp_ns, place, covariance, leap_mps)
             self.size.start(stamp_ns, range_m, range_sd)
         else:
             self.track.update(place, covariance)
