@@ -41,7 +41,7 @@ def _seen(frame: Frame, circle: Circle, aspect: float) -> Measured | None:
     camera = Camera(
         width, height, focal_px / squeeze, focal_px * squeeze, (width - 1) / 2, (height - 1) / 2, source="assumed"
     )
-    return Outline(0.02, camera, EdgeConfig(), PositionConfig()).first_look(frame, circle)
+    return Outline(0.02, camera, EdgeConfig(), PositionConfig()).first_look(frame, circle, (1.0,))
 
 
 def _residual_px(seen: Measured | None) -> float:

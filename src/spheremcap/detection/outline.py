@@ -33,7 +33,7 @@ FloatArray = npt.NDArray[np.float64]
 
 SOFTNESS = (1.0, 1.6, 2.4, 3.6)
 """Blurs of lens and focus that are tried, in `blur_sigma_px`."""
-_SEED_SIZES, _SEED_SEEN = (1.0, 1.25, 0.8), 0.7  # share of the outline from which a seed is where it should be
+_SEED_SEEN = 0.7  # share of the outline from which a seed is where it should be
 _HOLD = {"seed": 0.03, "acquire": 0.1, "colour": 0.1}  # relative deviation of the proposals' sizes
 _HOLD_CLOSE = 0.01  # that of the others'
 _LOOKS = 3  # a coarse one and two fine ones
@@ -69,11 +69,11 @@ class Outline:
         aside[:, 2] = -xyz / circle.r_px
         return Measured(circle, (1.0, 1.0, 1.0), xyz, aside @ aside.T, 0.0, "seed", _NO_EDGES, _NONE, _NONE, AT_REST)
 
-    def first_look(self, frame: Frame, circle: Circle) -> Measured | None:
+    def first_look(self, frame: Frame, circle: Circle, sizes: Sequence[float] = (1.0, 1.25, 0.8)) -> Measured | None:
         """The seed sharpened, with the blur that explains its outline best; where that is not much of one, also from
-        circles a quarter larger and smaller, as a hasty click may be."""
+        circles a quarter larger and smaller (`sizes`), as a hasty click may be."""
         best: Measured | None = None
-        for size in _SEED_SIZES:
+        for size in sizes:
             start = circle.resized(size * circle.r_px)
             for softness in SOFTNESS if self._edge.learn_blur else SOFTNESS[:1]:
                 motion = replace(AT_REST, softness=softness)
