@@ -13,7 +13,7 @@ import pytest
 from mcap.writer import Writer
 
 import spheremcap
-from clips import COUNT, START_NS, balls, rows, write_clip, write_recording
+from clips import COUNT, START_NS, balls, decoded, rows, write_clip, write_recording
 from scenes import CAMERA, ball_at, picture, truth
 from spheremcap import api
 from spheremcap.config import Settings
@@ -259,6 +259,15 @@ def test_where_the_stream_says_nothing_the_first_seeds_outline_does(
         assert ("outline of ball's seed" in by) == (aspect == 1.5)
         assert api.aspect_of(source, [])[0] == source.pixel_aspect
         assert sum(1 for _ in source.frames()) == 5  # none of them is gone
+
+
+def test_a_seed_where_no_outline_shows_is_said(tmp_path: Path) -> None:
+    write_video(tmp_path / "clip.mp4", [np.full((64, 96, 3), 90 + k, np.uint8) for k in range(4)], Fraction(240))
+    report = api.track(tmp_path / "clip.mp4", tmp_path / "out.mcap", Settings(), [Seed("ball", 1, Circle(40, 30, 8))])
+    line = "seed of ball on frame 1: no outline there; is it the marker?"
+    assert line in report.notes
+    logged = decoded(tmp_path / "out.mcap")["/log"]
+    assert any(line in entry.message for entry in logged)
 
 
 def test_a_recording_that_begins_at_time_zero_can_be_tracked_again(tmp_path):

@@ -322,6 +322,11 @@ class _Camera:
             self._statuses[estimate.marker][estimate.status] += 1
             if estimate.status.measured:
                 self._measured[estimate.marker] = estimate
+            if estimate.status is Status.SEEDED and estimate.reasons:
+                said = f"{estimate.reasons[0]} there; is it the marker?"
+                line = f"seed of {estimate.marker} on frame {estimate.frame_index}: {said}"
+                self._notes.append(line)
+                self._log.log("WARNING", line, estimate.stamp_ns)
             _log_change(self._log, estimate, self._before)
         self._log.write(result, picture, overview, step)
 
@@ -461,8 +466,6 @@ def _log_change(log: McapLog, estimate: MarkerEstimate, before: dict[str, Status
             before[name] = was
         return
     at = f"frame {estimate.frame_index}, {format_time(estimate.stamp_ns)}"
-    if status is Status.SEEDED and estimate.reasons:
-        log.log("WARNING", f"{name} seeded at {at}: {estimate.reasons[0]} there; is it the marker?", estimate.stamp_ns)
     if status is Status.LOST:
         log.log("WARNING", f"{name} lost at {at}", estimate.stamp_ns)
     elif status is Status.OUT_OF_VIEW:
