@@ -544,7 +544,7 @@ FAULTS = (
         252, "chain: KCF does not steer", "chain.py",
         "                self.whereabouts.steer(self._expected.motion.still_circle(followed))\n",
         "                pass\n",
-        (DECISIONS,),
+        (CHECKS,),
     ),
     Fault(
         253, "acquire: a blob is always the whole", "detection/acquire.py",

@@ -321,6 +321,38 @@ def test_the_outline_check_ends_it_when_a_board_comes_over_the_marker():
     assert not any(e.status.measured for e in estimates[doubted[-1].frame_index :])
 
 
+def test_what_closes_on_the_marker_from_both_sides_is_not_taken_for_it_elsewhere():
+    """Its colours and six votes to the end, and the boards' edges for an outline beside it."""
+
+    def scene(i):
+        half = max(2, 17 - 0.25 * max(0, i - 10))
+        x = truth(still(i)).x_px
+        covers = Cover(int(x - half) - 40, 0, int(x - half), 240), Cover(int(x + half), 0, int(x + half) + 40, 240)
+        return picture(still(i), covers=covers if i >= 10 else (), noise_seed=i)
+
+    verified = [e for e in follow(scene, still, 62) if e.status is Status.VERIFIED]
+    assert len(verified) > 45
+    assert max(e.circle.distance(truth(still(e.frame_index))) for e in verified) < 3
+
+
+def test_a_marker_of_which_too_little_shows_is_followed_by_kcf():
+    """It turns back behind a board that leaves a third of its outline, where half is asked for: the filter alone would
+    go on as before, 30 pixels too far by the end."""
+
+    def swinging(i):
+        return ball_at(160 + 40 * math.sin(i / 12), 120, 15)
+
+    def scene(i):
+        x = truth(swinging(i)).x_px - 5
+        return picture(swinging(i), covers=(Cover(int(x), 0, 320, 240),) if i >= 12 else (), noise_seed=i)
+
+    asking = ChainConfig(jury=JuryConfig(visible=0.5, near_visible=0.5))
+    behind = follow(scene, swinging, 30, asking)[12:]
+    assert sum(e.status is Status.ESTIMATED for e in behind) > 12
+    assert all(e.status in (Status.ESTIMATED, Status.VERIFIED) for e in behind)
+    assert max(e.circle.distance(truth(swinging(e.frame_index))) for e in behind) < 6
+
+
 def test_the_part_check_doubts_a_claim_around_which_the_colour_goes_on():
     """Before a wall of its own colour: what is still seen of an outline might be a part of something larger."""
     wall = Ball((0.08, 0.0, 1.3), ORANGE, 0.12)
