@@ -158,7 +158,7 @@ FAULTS = (
     ),
     Fault(
         104, "chain: the filter goes on with a marker found again", "chain.py",
-        "again=look.elsewhere", "again=False", (DECISIONS,),
+        "claim, look.elsewhere, leapt)", "claim, False, leapt)", (DECISIONS,),
     ),
     Fault(
         105, "chain: the estimated circle as under a global shutter", "chain.py",
@@ -323,8 +323,8 @@ FAULTS = (
     ),
     Fault(
         185, "whereabouts: the filter starts with the likeliest place", "positioning/whereabouts.py",
-        "self.track.start(stamp_ns, place, covariance)",
-        "self.track.start(stamp_ns, claim.xyz_cam_m, claim.covariance_m2)", (WHEREABOUTS,),
+        "self.track.start(stamp_ns, place, covariance, leap_mps)",
+        "self.track.start(stamp_ns, claim.xyz_cam_m, claim.covariance_m2, leap_mps)", (WHEREABOUTS,),
     ),
     Fault(
         186, "whereabouts: the likeliest place at the gate", "positioning/whereabouts.py",
@@ -570,6 +570,10 @@ FAULTS = (
     Fault(
         258, "chain: a seed on nothing is a seed", "chain.py",
         "if measured.visible < _CLEARLY_SEEDED:", "if False:", (DECISIONS,),
+    ),
+    Fault(
+        259, "whereabouts: a leap has no speed", "positioning/whereabouts.py",
+        "if leapt and since_s > 0 else None", "if False else None", (DECISIONS, WHEREABOUTS),
     ),
     # -- merge: tables, times, placements
     Fault(

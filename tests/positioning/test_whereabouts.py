@@ -342,7 +342,7 @@ def test_steering_brings_the_filter_sideways_and_leaves_the_distance_and_what_wa
     seen, circle, sized = where.seen, where.circle, where.size.expect(where.seen.stamp_ns)
     for k in range(1, 4):
         where.track.predict(where.seen.stamp_ns + k * 4 * STEP_NS)
-        where.steer(circle.shifted(4.0 * k, 0.0))
+        where.steer(circle.shifted(4.0 * k, 0.0).resized(0.7 * circle.r_px))
     image = where.image()
     assert image.x_px == pytest.approx(circle.x_px + 12, abs=2.0)
     assert image.r_px == pytest.approx(circle.r_px, rel=0.01)
