@@ -106,10 +106,11 @@ def summarise(path: str | os.PathLike[str], *, check: bool = False) -> Summary:
             records.check_data()
         for raw in records.messages(None if check else ours):
             try:
-                if names[raw.channel.id] == STATE:
+                schema = names.get(raw.channel.id)  # of a channel that only a damaged chunk has, nobody knew before
+                if schema == STATE:
                     row = state_row(raw.data, raw.log_time)
                     gaps.setdefault(track_name(raw.channel.topic, row.marker), _Gap()).add(row)
-                elif names[raw.channel.id] == REQUEST:
+                elif schema == REQUEST:
                     request = request_of(raw)
                     requests.setdefault(track_name(raw.channel.topic, request.marker), []).append(request)
                 else:
@@ -117,6 +118,7 @@ def summarise(path: str | os.PathLike[str], *, check: bool = False) -> Summary:
             except UNREADABLE as error:
                 records.undecodable(raw.channel.topic, error)
         channels = sorted(records.channels.values(), key=lambda channel: (channel.topic, channel.id))
+        names = schema_names(records)
         video = tuple(_picture_line(records, c, count_bad=not check) for c in channels if names[c.id] in PICTURES)
         start_ns, end_ns = records.span_ns or (None, None)
         return Summary(
