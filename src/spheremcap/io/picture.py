@@ -28,7 +28,21 @@ from av.video.reformatter import VideoReformatter
 from spheremcap.core.frame import BgrFrame, Frame, YuvFrame, yuv_to_bgr_matrix
 from spheremcap.core.time import NS_PER_S
 
-av.logging.set_level(None)  # FFmpeg's own log says nothing a user can use; errors are told once, in one line.
+_AV_LOG_QUIET = -8  # AV_LOG_QUIET, below PANIC: FFmpeg's own callback prints nothing
+
+
+def _quiet() -> None:
+    """FFmpeg's own log says nothing a user can use; errors are told once, in one line.
+
+    By FFmpeg's own level, not by `set_level(None)`: what a decoding thread has just begun to log would find no level to
+    compare its own with, and print a trace.
+    """
+    av.logging.set_level(av.logging.PANIC)
+    av.logging.set_libav_level(_AV_LOG_QUIET)
+    av.logging.restore_default_callback()
+
+
+_quiet()
 
 Plane = npt.NDArray[np.uint8]
 
@@ -222,14 +236,13 @@ def _chroma_siting(picture: av.VideoFrame) -> str:
     try:
         graph.configure()
         with _LOG:
-            level = av.logging.get_level()
             av.logging.set_level(av.logging.INFO)
             try:
                 with av.logging.Capture() as messages:
                     graph.push(picture)
                     graph.pull()
             finally:
-                av.logging.set_level(level)
+                _quiet()
     except (av.FFmpegError, OSError, ValueError):
         return "unspecified"
     said = re.search(r" cl:(\w+)", "".join(text for _, _, text in messages))
