@@ -61,6 +61,22 @@ def write_truth(path: Path) -> Path:
     return path
 
 
+def write_messages(path: Path, topic: str, messages: Sequence) -> Path:
+    """Protobuf messages of one kind on one topic, a second apart."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        kind = type(messages[0])
+        data = build_file_descriptor_set(kind).SerializeToString()
+        schema = writer.register_schema(kind.DESCRIPTOR.full_name, "protobuf", data)
+        channel = writer.register_channel(topic, "protobuf", schema)
+        for index, message in enumerate(messages):
+            message.timestamp.seconds = 1_700_000_000 + index
+            writer.add_message(channel, (1_700_000_000 + index) * 10**9, message.SerializeToString(), 5)
+        writer.finish()
+    return path
+
+
 def write_recording(
     path: Path,
     topics: Sequence[str],

@@ -17,7 +17,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from mutants import FAULT, Outcome, run
 
-from clips import write_clip, write_recording
+from clips import write_clip, write_messages, write_recording
 from spheremcap.io import mcap_records
 
 SEED = ("--seed", "orange@0=100,90,18")
@@ -109,18 +109,7 @@ LARGE = {"png": png_header(60_000, 60_000), "jpeg": jpeg_header(60_000, 60_000),
 
 
 def stills(path: Path, *pictures: bytes) -> Path:
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        data = build_file_descriptor_set(CompressedImage).SerializeToString()
-        schema = writer.register_schema("foxglove.CompressedImage", "protobuf", data)
-        channel = writer.register_channel("/front/image", "protobuf", schema)
-        for index, picture in enumerate(pictures):
-            one = CompressedImage(format="png", data=picture)
-            one.timestamp.seconds = 1_700_000_000 + index
-            writer.add_message(channel, (1_700_000_000 + index) * 10**9, one.SerializeToString(), 5)
-        writer.finish()
-    return path
+    return write_messages(path, "/front/image", [CompressedImage(format="png", data=picture) for picture in pictures])
 
 
 @pytest.mark.parametrize("kind", LARGE)

@@ -10,9 +10,8 @@ import media
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
-from mcap.writer import Writer
-from mcap_protobuf.schema import build_file_descriptor_set
 
+from clips import write_messages
 from spheremcap.io.encode import H264Encoder
 from spheremcap.io.mcap_images import McapImageSource
 from spheremcap.io.picture import DecodedFrame, is_cut_jpeg, is_jpeg, still_image
@@ -51,18 +50,7 @@ def packets(codec: str, pixel_format: str, size: tuple[int, int], tags: tuple[in
 
 
 def recording(path: Path, units: list[bytes], format_: str) -> Path:
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        data = build_file_descriptor_set(CompressedVideo).SerializeToString()
-        schema = writer.register_schema("foxglove.CompressedVideo", "protobuf", data)
-        channel = writer.register_channel("/camera/video", "protobuf", schema)
-        for index, unit in enumerate(units):
-            message = CompressedVideo(format=format_, data=unit)
-            message.timestamp.seconds = 1_700_000_000 + index
-            writer.add_message(channel, (1_700_000_000 + index) * 10**9, message.SerializeToString(), 5)
-        writer.finish()
-    return path
+    return write_messages(path, "/camera/video", [CompressedVideo(format=format_, data=unit) for unit in units])
 
 
 @pytest.mark.parametrize("tags", TAGS)

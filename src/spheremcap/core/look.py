@@ -13,6 +13,8 @@ from spheremcap.core.view import ResponseMap
 from spheremcap.core.vote import Verdict, Vote
 
 FloatArray = npt.NDArray[np.float64]
+AGREES = 0.3
+"""Least weight of an edge point that counts as the outline's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +56,11 @@ class Measured:
     motion: Motion
     in_picture: float = 1.0
     alone: tuple[FloatArray, FloatArray] | None = None
+
+    @property
+    def agreeing(self) -> npt.NDArray[np.bool_]:
+        """Which of the edge points (N,) count as the outline's."""
+        return self.edge_weights > AGREES
 
     @property
     def outline_alone(self) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,6 @@ from spheremcap.positioning.sphere import PositionConfig
 _TRIED = np.exp(np.linspace(-0.7, 0.7, 11))  # from half to twice as wide as high
 _CLOSE = np.exp(np.linspace(-0.14, 0.14, 15))
 _HARDLY, _NEARLY = 0.6, 0.9  # shares of the outline that show an edge
-_AGREES = 0.3  # least weight of an edge point that counts as the outline's
 
 
 def pixel_aspect(frame: Frame, circle: Circle) -> float:
@@ -48,4 +47,4 @@ def _residual_px(seen: Measured | None) -> float:
     """Mean square of how far edge points lie off the outline; infinite where hardly any agree."""
     if seen is None or seen.visible < _NEARLY:
         return math.inf
-    return float(np.mean(seen.edges_outside_px[seen.edge_weights > _AGREES] ** 2))
+    return float(np.mean(seen.edges_outside_px[seen.agreeing] ** 2))

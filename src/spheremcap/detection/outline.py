@@ -12,7 +12,7 @@ from spheremcap.core.circle import Circle
 from spheremcap.core.compiled import BOOL, F4, F8, I8, PLANE, array, finite, inner, kernel
 from spheremcap.core.frame import Frame
 from spheremcap.core.lens import normal_of
-from spheremcap.core.look import EdgePoints, Expected, Measured
+from spheremcap.core.look import AGREES, EdgePoints, Expected, Measured
 from spheremcap.core.optics import AT_REST, Motion
 from spheremcap.core.sampling import GRID, bgr_at, clipped
 from spheremcap.detection.colour import loosened
@@ -44,7 +44,6 @@ _RANGE_SD = 0.01  # the filter's distance is no surer than this, relative
 _SIZE_CHANGE = 0.1  # of the radius from one frame to the next: as much is usual
 _SIZE_OPEN = 0.3  # relative deviation of the expected radius from which it is not known any better
 _SIZE_LEAP = 1.5  # most that a claim's size may differ from the first proposal's, either way
-_AGREES = 0.3  # least weight of an edge point that counts as the outline's
 _SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated
 _NO_LIMITS = np.empty(0)
 _NO_SHADING = np.empty((0, 0), np.float32)
@@ -167,7 +166,7 @@ class Outline:
         across a claim's outline, (len(softnesses), len(exposures)): mean logarithms of the squares that are left. None
         where too little of it is seen."""
         shown, out = np.zeros(self._edge.rays, np.bool_), np.empty((len(softnesses), len(exposures)))
-        shown[claim.edges.ray[claim.edge_weights > _AGREES]] = True
+        shown[claim.edges.ray[claim.agreeing]] = True
         found = _misfits(
             *frame.planes, self._camera.params, self._radius_m, claim.xyz_cam_m, *claim.motion.lean, claim.circle.y_px,
             claim.circle.r_px, close_px(claim.circle), *way_px, np.array(softnesses), np.array(exposures),
@@ -184,7 +183,7 @@ class Outline:
             *frame.planes, self._camera.params, self._radius_m, claim.xyz_cam_m, *motion.lean, row_px, RINGS, rays
         )
         shown = np.full(rays, len(claim.edges.ray) == 0)
-        shown[claim.edges.ray[claim.edge_weights > _AGREES]] = True
+        shown[claim.edges.ray[claim.agreeing]] = True
         blur_px = self._edge.blur_sigma_px * motion.softness + 0.5 * self._edge.chroma_sigma_px + 0.2
         return rings, shown, 1 - (blur_px + 0.5 * math.hypot(*motion.blur_px)) / claim.circle.r_px
 
@@ -360,7 +359,7 @@ def _sharpened(
             break
     seen = 0
     for k in range(count):
-        seen += weights[k] > _AGREES
+        seen += weights[k] > AGREES
         edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3] = points[k, 0], points[k, 1], sd[k] * camera[0], ray[k]
         edges[k, 4], edges[k, 5], edges[k, 6] = offset[k], weights[k], outside[k] * camera[0]
     visible = seen / rays

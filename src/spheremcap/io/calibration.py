@@ -12,6 +12,7 @@ import yaml
 
 from spheremcap.core.camera import Camera, DistortionModel
 from spheremcap.errors import SettingsError, short
+from spheremcap.io.input_file import settings_bytes
 
 FOCAL_SD = "focal_sd"
 """Key of the focal length's relative uncertainty, for which neither message has a field: in the calibration channel's
@@ -126,17 +127,7 @@ def read_camera_info(path: Path) -> Camera:
 
 
 def _yaml(path: Path) -> Any:
-    try:
-        if not path.exists():
-            raise SettingsError(f"{path}: no such file")
-        if not path.is_file():
-            raise SettingsError(f"{path}: is {'a folder' if path.is_dir() else 'no regular file'}, not a YAML")
-        with path.open("rb") as file:
-            data = file.read(_LARGEST_YAML_BYTES + 1)
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
-    if len(data) > _LARGEST_YAML_BYTES:
-        raise SettingsError(f"{path}: not a camera_info YAML: larger than {_LARGEST_YAML_BYTES >> 10} kB")
+    data = settings_bytes(path, "a camera_info YAML", _LARGEST_YAML_BYTES)
     try:
         return yaml.safe_load(data.decode("utf-8-sig"))
     except RecursionError:

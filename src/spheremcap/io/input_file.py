@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from spheremcap.errors import SourceError
+from spheremcap.errors import SettingsError, SourceError
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 
@@ -27,6 +27,22 @@ def checked_input(path: Path, what: str) -> int:
     if size == 0:
         raise SourceError(f"{path}: is empty (0 bytes); copy it again")
     return size
+
+
+def settings_bytes(path: Path, what: str, most_bytes: int) -> bytes:
+    """All of a small file that a person wrote; `what` it should be, as in "a YAML". Raises SettingsError."""
+    try:
+        if not path.exists():
+            raise SettingsError(f"{path}: no such file")
+        if not path.is_file():
+            raise SettingsError(f"{path}: is {'a folder' if path.is_dir() else 'no regular file'}, not {what}")
+        with path.open("rb") as file:
+            data = file.read(most_bytes + 1)
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
+    if len(data) > most_bytes:
+        raise SettingsError(f"{path}: not {what}: larger than {most_bytes >> 10} kB")
+    return data
 
 
 def is_recording(path: Path) -> bool:

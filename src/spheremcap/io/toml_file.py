@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from spheremcap.errors import SettingsError, short
+from spheremcap.io.input_file import settings_bytes
 
 _LARGEST_TOML_BYTES = 16 << 20
 _COMMA = re.compile(r"=\s*[-+]?\d+,\d")
@@ -17,17 +18,7 @@ _COMMA = re.compile(r"=\s*[-+]?\d+,\d")
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The tables of a TOML file; a byte order mark is passed over. Raises SettingsError."""
     path = Path(path)
-    try:
-        if not path.exists():
-            raise SettingsError(f"{path}: no such file")
-        if not path.is_file():
-            raise SettingsError(f"{path}: is {'a folder' if path.is_dir() else 'no regular file'}, not a TOML file")
-        with path.open("rb") as file:
-            data = file.read(_LARGEST_TOML_BYTES + 1)
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
-    if len(data) > _LARGEST_TOML_BYTES:
-        raise SettingsError(f"{path}: is larger than {_LARGEST_TOML_BYTES >> 20} MB: not a settings or seeds file")
+    data = settings_bytes(path, "a TOML file", _LARGEST_TOML_BYTES)
     utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
     try:
         text = data.decode("utf-16" if utf16 else "utf-8-sig")

@@ -26,7 +26,6 @@ from spheremcap.verification.matching import (
 _CCORR_NORMED = MATCHERS.index("CCORR_NORMED")
 _NOTHING_HIDDEN = 0.77  # share of an outline with an edge that leaves no gap of a quarter
 _AS_LARGE = 0.2  # logarithm of the ratio of radii up to which a claim may be a marker of which a part is hidden
-_AGREES = 0.3  # least weight of an edge point that counts as the outline's
 _FARTHEST = 3.5  # radii from the expected place that matchers look for a claim that far off
 
 
@@ -123,7 +122,7 @@ def _hidden(claim: Measured | None, prior: Prior) -> Gap:
         or abs(math.log(claim.circle.r_px / prior.expected.r_px)) > _AS_LARGE
     ):
         return Gap()
-    return widest_gap(claim.circle, claim.edges.points_px[claim.edge_weights > _AGREES])
+    return widest_gap(claim.circle, claim.edges.points_px[claim.agreeing])
 
 
 def uncovered(look: Look, taken: Sequence[Circle]) -> Look:
