@@ -229,7 +229,7 @@ class MarkerChain:
         stages.verifier.learn(patch, circle)
         stages.follower.learn(patch, circle)
         stages.appearance.follow(patch, circle)
-        stages.shading.follow(*self._detector.outline.light(frame, claim))
+        stages.shading.learn(frame.stamp_ns, partial(self._detector.outline.light, frame, claim))
 
     def _miss(self, frame: Frame, look: Look | None) -> None:
         """No verified circle: the Kalman filter stands in, until the marker counts as lost or out of view. Where votes
@@ -262,7 +262,7 @@ class MarkerChain:
     def range_m(self) -> float:
         """How far away the filter has the marker, metres; infinite while it is lost or out of view."""
         moment = self.moment
-        return math.inf if moment is None else float(np.linalg.norm(moment.xyz_cam_m))
+        return math.inf if moment is None else math.hypot(*moment.xyz_cam_m.tolist())
 
     def _estimate(self, frame: Frame, look: Look | None, measured: Measured | None) -> MarkerEstimate:
         """The estimate of this frame; `look` is None at a seed, and where there was nothing to look at."""

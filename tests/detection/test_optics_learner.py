@@ -217,6 +217,18 @@ def test_a_given_exposure_is_never_changed():
     assert optics.now(INTERVAL_S).exposure_s == 0.001
 
 
+def test_an_exposure_is_known_once_a_dozen_looks_agree_on_one():
+    optics = learner(learn_blur=False)
+    assert not optics.exposure_known
+    move(optics, 0.5, claims=40)  # seven looks
+    assert not optics.exposure_known
+    move(optics, 0.5, claims=100)
+    assert optics.exposure_known
+    sharp = learner(learn_blur=False)
+    move(sharp, 0.0, claims=140)
+    assert not sharp.exposure_known  # it may yet move
+
+
 def test_an_exposure_of_other_frames_is_forgotten_by_and_by():
     optics = learner(learn_blur=False)
     assert move(optics, 0.15) == pytest.approx(0.15, abs=0.02)

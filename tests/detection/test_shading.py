@@ -87,6 +87,21 @@ def test_new_light_is_learnt_within_its_memory():
     np.testing.assert_allclose(shading.profile, now.profile, atol=0.06)
 
 
+@pytest.mark.parametrize(("interval_ns", "looks"), [(4_166_667, 15 + 12), (-4_166_667, 15 + 12), (33_333_333, 40)])
+def test_frames_close_together_are_looked_at_one_by_one_only_at_first(interval_ns, looks):
+    taken = []
+
+    def light():
+        taken.append(1)
+        return lit(), ALL, 0.9
+
+    shading = Shading(RAYS)
+    for frame in range(40):
+        shading.learn(frame * interval_ns, light)
+    assert len(taken) == looks
+    assert shading.profile.shape == (RINGS, RAYS)
+
+
 def test_a_shadow_on_the_marker_does_not_move_its_edges():
     """The side in shade is nearly as dark as what is behind it, and its border is an edge of its own."""
     ball = ball_at(160, 120, 20)
@@ -136,6 +151,6 @@ def test_a_chain_begins_anew_with_every_seed():
     chain.seed(bgr_frame(picture(ball), 0), truth(ball))
     first = chain._stages.shading
     chain.step(bgr_frame(picture(ball, noise_seed=1), 1))
-    assert first._frames.max() == 2
+    assert first._looks.max() == 2
     chain.seed(bgr_frame(picture(ball), 2), truth(ball))
     assert chain._stages.shading is not first

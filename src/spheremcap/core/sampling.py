@@ -27,6 +27,21 @@ def level_at(plane, column, row):
 
 
 @inner
+def levels_at(plane, column, row, out):
+    """`level_at` for many places (N,), into the first N of `out` float32."""
+    rows, columns = plane.shape
+    for k in range(column.size):
+        x, y = min(max(column[k], 0.0), columns - 1.0), min(max(row[k], 0.0), rows - 1.0)
+        j, i = np.uint32(x), np.uint32(y)
+        a, b = np.float32(x - j), np.float32(y - i)
+        h, n = min(j + 1, columns - 1), min(i + 1, rows - 1)
+        top_left, top_right = np.float32(plane[i, j]), np.float32(plane[i, h])
+        low_left, low_right = np.float32(plane[n, j]), np.float32(plane[n, h])
+        top, low = top_left + a * (top_right - top_left), low_left + a * (low_right - low_left)
+        out[k] = top + b * (low - top)
+
+
+@inner
 def soft_levels_at(first, second, column, row):
     """Values of two planes at a place between their samples, by a quadratic B-spline: blurred by half a sample, and by
     as much wherever the place lies."""

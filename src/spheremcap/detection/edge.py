@@ -18,7 +18,7 @@ from spheremcap.core.compiled import BOOL, F4, F8, PLANE, array, inner, kernel
 from spheremcap.core.frame import Frame
 from spheremcap.core.linear import inverse3, middle
 from spheremcap.core.look import EdgePoints
-from spheremcap.core.sampling import GRID, bgr_at, clipped, hsv_of, level_at, soft_levels_at
+from spheremcap.core.sampling import GRID, bgr_at, clipped, hsv_of, levels_at, soft_levels_at
 from spheremcap.core.stage import StageConfig
 from spheremcap.detection.colour import in_box
 from spheremcap.detection.shading import Rings
@@ -121,8 +121,10 @@ def edges_into(
         y, u, v, grid, outline, normal, inside, across, r_px, reach_px, margin, widest, params, coarse, shading
     )
     shifts, chroma_sigma = 2 * half + 1, _chroma_sigma(grid, params)
+    light, cover = np.empty((len(limb), count), np.float32), np.empty((len(limb), 1), np.float32)
+    _through_lens(v_first, fine, limb, r_px, sigma, light, cover)
     shapes = np.empty((2, len(limb), count), np.float32)
-    _set_shapes(v_first, fine, limb, *colours, direction, across, along, r_px, sigma, chroma_sigma, shapes)
+    _set_shapes(light, cover, fine, *colours, direction, across, along, r_px, chroma_sigma, shapes)
 
     cost, power = np.zeros((shifts, count), np.float32), np.zeros((shifts, count), np.float32)
     seen, left_over = np.zeros(count, np.float32), np.zeros(count, np.float32)
@@ -192,16 +194,19 @@ def misfits_into(
     shapes = np.empty((2, len(limb), count), np.float32)
     sse, rise = np.empty((shifts, count), np.float32), np.empty((shifts, count), np.float32)
     expected = np.empty((shifts, count), np.float32)
-    whole, luma, chroma = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+    whole, other = np.empty(count, np.float32), np.empty(count, np.float32)
+    luma, chroma = np.empty(count, np.float32), np.empty(count, np.float32)
+    of_luma, of_chroma = _along(window[:1], direction[:1], whole), _along(window[1:], direction[1:], other)
+    light, cover = np.empty((len(limb), count), np.float32), np.empty((len(limb), 1), np.float32)
     for i in range(len(softnesses)):
+        _through_lens(v_first, fine, limb, r_px, sigma * softnesses[i], light, cover)
         for j in range(len(exposures)):
             share = np.float32(exposures[j])
             _set_shapes(
-                v_first, fine, limb, *colours, direction, share * across, share * along, r_px,
-                sigma * softnesses[i], chroma_sigma, shapes,
-            )  # fmt: skip
-            _set_squares(window[:1], direction[:1], shapes[0], sse, rise, expected, whole, luma)
-            _set_squares(window[1:], direction[1:], shapes[1], sse, rise, expected, whole, chroma)
+                light, cover, fine, *colours, direction, share * across, share * along, r_px, chroma_sigma, shapes
+            )
+            _set_squares(of_luma, whole, shapes[0], sse, rise, expected, luma)
+            _set_squares(of_chroma, other, shapes[1], sse, rise, expected, chroma)
             total = 0.0
             for n in range(count):
                 if shown[n] and inside[n] > 0.0:
@@ -314,7 +319,7 @@ def _match(window, direction, shape, varies, noise, shared, cost, power, seen, l
     whole, least = np.empty(count, np.float32), np.empty(count, np.float32)
     sse, rise = np.empty((shifts, count), np.float32), np.empty((shifts, count), np.float32)
     expected = np.empty((shifts, count), np.float32)
-    _set_squares(window, direction, shape, sse, rise, expected, whole, least)
+    _set_squares(_along(window, direction, whole), whole, shape, sse, rise, expected, least)
     free = np.float32(max(1, places - 3))
     usual = middle(least.copy(), count) / free
     for n in range(count):
@@ -332,15 +337,12 @@ def _match(window, direction, shape, varies, noise, shared, cost, power, seen, l
 
 
 @inner
-def _set_squares(window, direction, shape, sse, rise, expected, whole, least):
-    """The squares of profiles, level free, before (`whole`, (N,)) and after the step `shape` (V, N) is taken out of
-    them at each shift (`sse`, (K, N), and the `least` of it); the step that is seen over the one expected (`rise`), and
-    the latter's square (`expected`). `window` and `direction` as in `_match`."""
-    shifts, count = sse.shape
-    parts, places = window.shape[:2]
+def _along(window, direction, whole):
+    """Profiles (M, N) along a direction, each less its mean; the sums of their squares go into `whole` (N,). `window`
+    and `direction` as in `_match`."""
+    parts, places, count = window.shape
     data, mean = np.zeros((places, count), np.float32), np.zeros(count, np.float32)
     whole[:] = 0.0
-    least[:] = np.float32(np.inf)
     for m in range(places):
         for c in range(parts):
             for n in range(count):
@@ -351,6 +353,17 @@ def _set_squares(window, direction, shape, sse, rise, expected, whole, least):
         for n in range(count):
             data[m, n] -= mean[n] / np.float32(places)
             whole[n] += data[m, n] * data[m, n]
+    return data
+
+
+@inner
+def _set_squares(data, whole, shape, sse, rise, expected, least):
+    """The squares of profiles (M, N) that are left when the step `shape` (V, N) is taken out of their `whole` (N,) at
+    each shift (`sse`, (K, N), and the `least` of it); the step that is seen over the one expected (`rise`), and the
+    latter's square (`expected`)."""
+    shifts, count = sse.shape
+    places = len(data)
+    least[:] = np.float32(np.inf)
     like, squares, plain = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
     for k in range(shifts):
         like[:] = 0.0
@@ -378,23 +391,27 @@ def _sample(y, u, v, grid, outline, normal, place, deep_steps, out):
         for k in range(3):
             for m in range(4):
                 to_ycc[c, m] += _BGR_TO_YCC[c, k] * grid[4 + 4 * k + m] / 255.0
+    count, halved = len(outline), grid[0] > 1.0
+    column, row = np.empty(len(place) * count), np.empty(len(place) * count)
+    for k in range(len(place)):
+        for n in range(count):
+            column[k * count + n] = outline[n, 0] + place[k] * normal[n, 0]
+            row[k * count + n] = outline[n, 1] + place[k] * normal[n, 1]
+    flat = out.reshape(3, len(place) * count)
+    levels_at(y, column, row, flat[0])
     sx, sy, ox, oy = 1.0 / grid[0], 1.0 / grid[1], grid[2], grid[3]
-    halved = grid[0] > 1.0
-    for k in range(len(place)):
-        for n in range(len(outline)):
-            x, row = outline[n, 0] + place[k] * normal[n, 0], outline[n, 1] + place[k] * normal[n, 1]
-            out[0, k, n] = level_at(y, x, row)
-            x, row = (x - ox) * sx, (row - oy) * sy
-            if halved and k >= deep_steps:
-                out[1, k, n], out[2, k, n] = soft_levels_at(u, v, x, row)
-            else:
-                out[1, k, n], out[2, k, n] = level_at(u, x, row), level_at(v, x, row)
+    for k in range(column.size):
+        column[k], row[k] = (column[k] - ox) * sx, (row[k] - oy) * sy
+    plain = deep_steps * count if halved else column.size
+    levels_at(u, column[:plain], row[:plain], flat[1])
+    levels_at(v, column[:plain], row[:plain], flat[2])
+    for k in range(plain, column.size):
+        flat[1, k], flat[2, k] = soft_levels_at(u, v, column[k], row[k])
     m = to_ycc.astype(np.float32)
-    for k in range(len(place)):
-        for n in range(len(outline)):
-            luma, cb, cr = out[0, k, n], out[1, k, n], out[2, k, n]
-            for c in range(3):
-                out[c, k, n] = m[c, 0] * luma + m[c, 1] * cb + m[c, 2] * cr + m[c, 3]
+    for k in range(column.size):
+        luma, cb, cr = flat[0, k], flat[1, k], flat[2, k]
+        for c in range(3):
+            flat[c, k] = m[c, 0] * luma + m[c, 1] * cb + m[c, 2] * cr + m[c, 3]
 
 
 @inner
@@ -609,20 +626,13 @@ def _towards(place, r_px):
 
 
 @inner
-def _set_shapes(
-    v_first, fine, limb, colour_in, colour_out, direction, across, along, r_px, sigma, chroma_sigma, shapes
-):
-    """What video shows along each ray of an edge at 0, marker on the negative side, in brightness and in chroma along
-    `direction`: (2, V, N), 0 on the far side.
-
-    Light mixes linearly under the lens blur and the motion, then the camera's curve is applied, then chroma is blurred
-    once more by its half resolution. Mixing coded values instead would shift the edge towards the darker side.
-    """
+def _through_lens(v_first, fine, limb, r_px, sigma, light, cover):
+    """The marker's light (V, N), and how much of the background it covers (V, 1), along rays across an edge at 0,
+    marker on the negative side, blurred by the lens."""
     length, count = limb.shape
-    # Blur moves a curved edge inwards by sigma^2 / 2r: by the lens here, by the chroma further down.
+    # Blur moves a curved edge inwards by sigma^2 / 2r: by the lens here, by the chroma in `_set_shapes`.
     inwards = sigma * sigma / (2.0 * r_px)
-    row, light = np.empty((length, count), np.float32), np.empty((length, count), np.float32)
-    cover, step = np.empty((length, 1), np.float32), np.empty((length, 1), np.float32)
+    row, step = np.empty((length, count), np.float32), np.empty((length, 1), np.float32)
     for k in range(length):
         step[k, 0] = min(max(0.5 - (v_first + k * fine + inwards) / fine, 0.0), 1.0)
         for n in range(count):
@@ -630,15 +640,27 @@ def _set_shapes(
     lens = _taps(sigma / fine)
     _blur(step, lens, cover)
     _blur(row, lens, light)
-    dark = np.empty((length, count), np.float32)
+
+
+@inner
+def _set_shapes(light, cover, fine, colour_in, colour_out, direction, across, along, r_px, chroma_sigma, shapes):
+    """What video shows along each ray of what went `_through_lens`, in brightness and in chroma along `direction`:
+    (2, V, N), 0 on the far side.
+
+    Light mixes linearly under the lens blur and the motion, then the camera's curve is applied, then chroma is blurred
+    once more by its half resolution. Mixing coded values instead would shift the edge towards the darker side.
+    """
+    length, count = light.shape
+    row, dark = np.empty((length, count), np.float32), np.empty((length, count), np.float32)
     for k in range(length):
         for n in range(count):
             dark[k, n] = cover[k, 0]
     if _longest(across, along) >= fine:
+        swept = np.empty((length, count), np.float32)
         _sweep(dark, across, along, fine, r_px, row)
         dark, row = row, dark
-        _sweep(light, across, along, fine, r_px, row)
-        light, row = row, light
+        _sweep(light, across, along, fine, r_px, swept)
+        light = swept
     linear_in, linear_out = np.empty((3, count), np.float32), np.empty((3, count), np.float32)
     of_luma, of_chroma = np.empty((3, count), np.float32), np.empty((3, count), np.float32)
     for n in range(count):

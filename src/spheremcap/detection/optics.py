@@ -45,7 +45,6 @@ class OpticsLearner:
         """`exposure_s` 0 and `readout_s` None are not known; `learn_blur` False leaves the lens as the settings say;
         `rows` is the picture's height in pixels."""
         self.rows = rows
-        self.exposure_known = exposure_s > 0
         self._given_exposure_s, self._given_readout_s = exposure_s, readout_s
         self._lenses = LENSES if learn_blur else (1.0,)
         self._contest: _Contest | None = None  # of softness and exposure
@@ -53,14 +52,24 @@ class OpticsLearner:
         self._seed_softness = 1.0
         self._stretch: dict[str, _Stretch] = {}
         self._readout: tuple[float, float] | None = None
-        self._best: tuple[float, float] | None = None  # exposure in intervals, softness; None until asked for again
+        self._best: tuple[float, float] | None = None  # as `_likeliest` had it; None when that may have changed
 
     def now(self, interval_s: float) -> Optics:
         """The optics for frames that are `interval_s` apart."""
+        exposure, softness = self._likeliest()
+        return Optics(self._given_exposure_s or exposure * interval_s, *self._readout_s(interval_s), softness)
+
+    @property
+    def exposure_known(self) -> bool:
+        """Whether the exposure time is given, or learnt from as many looks as make sure of it."""
+        learnt = self._contest is not None and self._contest.looks >= _LOOKS and self._likeliest()[0] > 0
+        return self._given_exposure_s > 0 or learnt
+
+    def _likeliest(self) -> tuple[float, float]:
+        """Exposure, in intervals, and softness."""
         if self._best is None:
             self._best = (0.0, self._seed_softness) if self._contest is None else self._contest.best()
-        exposure, softness = self._best
-        return Optics(self._given_exposure_s or exposure * interval_s, *self._readout_s(interval_s), softness)
+        return self._best
 
     def _readout_s(self, interval_s: float) -> tuple[float, float]:
         """The readout time and its standard deviation, seconds: zero until the evidence is beyond doubt."""
@@ -90,7 +99,8 @@ class OpticsLearner:
             every = _OFTEN if self._moving <= _OFTEN * _LOOKS else _SELDOM
             due = due or self._moving <= 3 or self._moving % every == 0
         if due and math.hypot(*bounded_blur(way_px, claim.circle)) >= math.hypot(*way_px):
-            exposures = (self._given_exposure_s / interval_s,) if self.exposure_known else EXPOSURES
+            given = self._given_exposure_s / interval_s
+            exposures = (given,) if given > 0 else EXPOSURES
             found = misfits(way_px, self._lenses, exposures)
             if found is not None:
                 self._contest = self._contest or _Contest(self._lenses, exposures)
@@ -114,6 +124,11 @@ class _Contest:
     def add(self, misfits: FloatArray) -> None:
         """Take in one look's `Outline.misfits`."""
         self._misfits.append(misfits)
+
+    @property
+    def looks(self) -> int:
+        """How many of the latest looks are remembered."""
+        return len(self._misfits)
 
     def best(self) -> tuple[float, float]:
         """The exposure and the softness that are likeliest; no exposure unless one is better by more than the looks, of

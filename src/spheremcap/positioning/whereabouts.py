@@ -186,6 +186,8 @@ class Whereabouts:
 
     def reported(self, xyz_cam_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
         """The covariance (3, 3) with the camera's own uncertainty: a wrong focal length scales the distance."""
+        if self.camera.focal_sd == 0:
+            return covariance_m2
         return covariance_m2 + xyz_cam_m[:, None] * xyz_cam_m * self.camera.focal_sd**2
 
 
