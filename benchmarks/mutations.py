@@ -389,7 +389,7 @@ FAULTS = (
     ),
     Fault(
         212, "shading: hidden rays teach it too", "detection/shading.py",
-        "        if shown[n]:\n            frames[n]", "        if True:\n            frames[n]", (SHADING,),
+        "        if shown[n]:\n            looks[n]", "        if True:\n            looks[n]", (SHADING,),
     ),
     Fault(
         213, "shading: in the light's own units", "detection/shading.py",
@@ -406,8 +406,7 @@ FAULTS = (
     ),
     Fault(
         216, "misfits: each exposure has its own samples' margin", "detection/edge.py",
-        "share * across, share * along, r_px,\n                sigma * softnesses[i]",
-        "across, along, r_px,\n                sigma * softnesses[i]", (EDGE, LEARNER),
+        "direction, share * across, share * along, r_px,", "direction, across, along, r_px,", (EDGE, LEARNER),
     ),
     Fault(
         217, "misfits: brightness alone", "detection/edge.py",
@@ -574,6 +573,37 @@ FAULTS = (
     Fault(
         259, "whereabouts: a leap has no speed", "positioning/whereabouts.py",
         "if leapt and since_s > 0 else None", "if False else None", (DECISIONS, WHEREABOUTS),
+    ),
+    Fault(
+        260, "shading: every frame is looked at", "detection/shading.py",
+        "abs(stamp_ns - self._looked_ns) >= _EVERY_NS", "True", (SHADING,),
+    ),
+    Fault(
+        261, "shading: backwards nothing is looked at", "detection/shading.py",
+        "abs(stamp_ns - self._looked_ns) >= _EVERY_NS", "stamp_ns - self._looked_ns >= _EVERY_NS", (SHADING,),
+    ),
+    Fault(
+        262, "optics: three looks make sure of an exposure", "detection/optics.py",
+        "self._contest.looks >= _LOOKS and", "self._contest.looks >= 3 and", (LEARNER,),
+    ),
+    Fault(
+        263, "optics: no exposure is known as well", "detection/optics.py",
+        "and self._likeliest()[0] > 0", "", (LEARNER,),
+    ),
+    Fault(
+        264, "edge: every lens is the first one", "detection/edge.py",
+        "_through_lens(v_first, fine, limb, r_px, sigma * softnesses[i], light, cover)",
+        "_through_lens(v_first, fine, limb, r_px, sigma * softnesses[0], light, cover)", (EDGE, LEARNER),
+    ),
+    Fault(
+        265, "edge: the lens does not draw in what a marker covers", "detection/edge.py",
+        "step[k, 0] = min(max(0.5 - (v_first + k * fine + inwards) / fine, 0.0), 1.0)",
+        "step[k, 0] = min(max(0.5 - (v_first + k * fine) / fine, 0.0), 1.0)", (EDGE,),
+    ),
+    Fault(
+        266, "sampling: a row of places ends a column early", "core/sampling.py",
+        "h, n = min(j + 1, columns - 1), min(i + 1, rows - 1)\n        top_left",
+        "h, n = min(j + 1, columns - 2), min(i + 1, rows - 1)\n        top_left", (EDGE, "tests/core/test_sampling.py"),
     ),
     # -- merge: tables, times, placements
     Fault(
