@@ -14,6 +14,7 @@ import itertools
 import os
 import re
 import struct
+import sys
 import threading
 import zlib
 from array import array
@@ -196,6 +197,13 @@ class McapRecords:
                 body = bytes(data[start + _MESSAGE.size : end])
                 yield RawMessage(channel, sequence, log_time, publish_time, body)
         self._compare(given, [i for i, c in self.channels.items() if topics is None or c.topic in topics])
+
+    def index_of(self, topic: str) -> "MessageIndex":
+        """Where each message of a topic is, in the order of `messages`, by the file's own message indexes.
+
+        A chunk without an index of its own is opened for it.
+        """
+        return MessageIndex(self, topic)
 
     @property
     def chunk_count(self) -> int:
@@ -523,6 +531,92 @@ class McapRecords:
             raise SourceError(f"{self.path}: byte {offset} cannot be read: {error.strerror}") from error
         self._block = (offset, block)
         return block[:length]
+
+
+class MessageIndex:
+    """The messages of one topic by their number, from 0 by log time, each found and read in constant time."""
+
+    def __init__(self, records: McapRecords, topic: str) -> None:
+        self._records = records
+        self._channels = {i for i, channel in records.channels.items() if channel.topic == topic}
+        self._locate(trusting=True)
+        counted = sum(records.counts.get(i, 0) for i in self._channels)
+        if len(self) != counted:
+            self._locate(trusting=False)
+
+    def __len__(self) -> int:
+        return len(self.log_times)
+
+    def message(self, number: int) -> RawMessage:
+        """The message with that number. Raises IndexError when there is none."""
+        found = self._message(number)
+        if found is None:  # the file's index leads elsewhere: what the chunks hold counts
+            self._locate(trusting=False)
+            found = self._message(number)
+        if found is None:
+            raise IndexError(f"there is no message {number}")
+        return found
+
+    def _message(self, number: int) -> RawMessage | None:
+        piece = self._records._pieces[self._piece_of[number]]
+        start, data = int(self._start_of[number]), self._records._load(piece, report=True)
+        if start + _HEADER.size + _MESSAGE.size > len(data):
+            return None
+        opcode, length = _HEADER.unpack_from(data, start)
+        body, end = start + _HEADER.size, start + _HEADER.size + length
+        if opcode != Opcode.MESSAGE or length < _MESSAGE.size or end > len(data):
+            return None
+        channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, body)
+        if channel_id not in self._channels or log_time != self.log_times[number]:
+            return None
+        channel = self._records.channels[channel_id]
+        return RawMessage(channel, sequence, log_time, publish_time, bytes(data[body + _MESSAGE.size : end]))
+
+    def _locate(self, trusting: bool) -> None:
+        pieces = sorted(enumerate(self._records._pieces), key=lambda numbered: numbered[1].offset)
+        times, starts, piece_of = array("Q"), array("Q"), array("I")
+        for number, piece in pieces:
+            if piece.channels is not None and piece.channels.isdisjoint(self._channels):
+                continue
+            found = self._stated(piece) if trusting else None
+            for log_time, start in self._opened(piece) if found is None else found:
+                times.append(log_time)
+                starts.append(start)
+                piece_of.append(number)
+        order = sorted(range(len(times)), key=times.__getitem__)
+        self.log_times = array("Q", map(times.__getitem__, order))
+        """Log time of each message, ns, never falling."""
+        self._start_of = array("Q", map(starts.__getitem__, order))
+        self._piece_of = array("I", map(piece_of.__getitem__, order))
+
+    def _stated(self, piece: _Piece) -> list[tuple[int, int]] | None:
+        """(log time, where the record starts in the chunk) by the indexes behind a chunk; None when it has none."""
+        if piece.compression is None or piece.channels is None:
+            return None
+        found: list[tuple[int, int]] = []
+        at, read = piece.offset + piece.length, self._records._read
+        while len(header := read(at, _HEADER.size)) == _HEADER.size:
+            opcode, length = _HEADER.unpack(header)
+            if opcode != Opcode.MESSAGE_INDEX:
+                break
+            body = at + _HEADER.size
+            if int.from_bytes(read(body, 2), "little") in self._channels:
+                numbers = array("Q", read(body + 6, (length - 6) // 16 * 16))
+                if sys.byteorder == "big":
+                    numbers.byteswap()
+                found += zip(numbers[::2], numbers[1::2], strict=True)
+            at = body + length
+        return sorted(found, key=lambda entry: entry[1])
+
+    def _opened(self, piece: _Piece) -> list[tuple[int, int]]:
+        """The same by what the chunk holds."""
+        data = self._records._load(piece, report=True)
+        entries = self._records._index(piece, data)
+        return [
+            (log_time, start - _HEADER.size)
+            for log_time, start in zip(entries.times, entries.starts, strict=True)
+            if int.from_bytes(data[start : start + 2], "little") in self._channels
+        ]
 
 
 def _pread(fd: int, offset: int, length: int) -> bytes:
