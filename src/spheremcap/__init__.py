@@ -14,7 +14,7 @@ _HOMES = {
     "core.circle": ["Circle"],
     "core.estimate": ["FrameResult", "MarkerEstimate", "Status"],
     "core.frame": ["Frame"],
-    "core.marker": ["MarkerSpec", "Seed"],
+    "core.marker": ["Answer", "Hidden", "Keep", "MarkerSpec", "Seed"],
     "core.vote": ["Verdict", "Vote"],
     "errors": ["SpheremcapError"],
     "io.mcap_images": ["McapImageSource"],

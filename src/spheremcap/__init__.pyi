@@ -13,6 +13,9 @@ from spheremcap.core.estimate import FrameResult as FrameResult
 from spheremcap.core.estimate import MarkerEstimate as MarkerEstimate
 from spheremcap.core.estimate import Status as Status
 from spheremcap.core.frame import Frame as Frame
+from spheremcap.core.marker import Answer as Answer
+from spheremcap.core.marker import Hidden as Hidden
+from spheremcap.core.marker import Keep as Keep
 from spheremcap.core.marker import MarkerSpec as MarkerSpec
 from spheremcap.core.marker import Seed as Seed
 from spheremcap.core.vote import Verdict as Verdict

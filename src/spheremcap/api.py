@@ -21,7 +21,7 @@ from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import FrameResult, MarkerEstimate, Status
 from spheremcap.core.frame import BgrImage, EncodedPicture, Frame
-from spheremcap.core.marker import MarkerSpec, Seed
+from spheremcap.core.marker import Answer, MarkerSpec, Seed
 from spheremcap.core.presets import PRESETS, assumed_camera
 from spheremcap.core.time import NS_PER_S, format_time
 from spheremcap.detection.aspect import pixel_aspect
@@ -145,9 +145,10 @@ def resolve_camera(
     return camera, True, note
 
 
-def aspect_of(source: FrameSource, seeds: Sequence[Seed]) -> tuple[float, str]:
+def aspect_of(source: FrameSource, answers: Sequence[Answer]) -> tuple[float, str]:
     """How much wider than high a video's pixels are, and who says so: the video, else the outline of its first seed, if
     that is among the first `_AHEAD` frames and plainly that of an ellipse. Without seeds the video alone is asked."""
+    seeds = (answer for answer in answers if isinstance(answer, Seed))
     first = min(seeds, key=lambda seed: seed.frame_index, default=None)
     if first is None or first.frame_index > _AHEAD or source.pixel_aspect != 1 or not isinstance(source, VideoSource):
         return source.pixel_aspect, "as the video says"
@@ -181,7 +182,7 @@ def track(
     source_path: str | os.PathLike[str],
     output: str | os.PathLike[str],
     settings: Settings,
-    seeds: Sequence[Seed],
+    seeds: Sequence[Answer],
     *,
     folder: Path = Path(),
     inputs: Sequence[Path] = (),
@@ -249,7 +250,9 @@ def track(
 class _Camera:
     """One camera: its pictures go through its session, and what comes out into its part of the recording."""
 
-    def __init__(self, view: CameraView, settings: Settings, seeds: Sequence[Seed], folder: Path, run: RunInfo) -> None:
+    def __init__(
+        self, view: CameraView, settings: Settings, seeds: Sequence[Answer], folder: Path, run: RunInfo
+    ) -> None:
         source = view.source
         self._view, self._output = view, settings.output
         last = source.frame_count_hint
@@ -379,12 +382,12 @@ class _Camera:
 
 
 def _by_camera(
-    views: Sequence[CameraView], settings: Settings, seeds: Sequence[Seed]
-) -> list[tuple[CameraView, Settings, list[Seed]]]:
+    views: Sequence[CameraView], settings: Settings, seeds: Sequence[Answer]
+) -> list[tuple[CameraView, Settings, list[Answer]]]:
     """Each camera with its markers and seeds. With several, `front/left_wrist` is a marker of camera /front."""
     if len(views) == 1:
         return [(views[0], _with_seeded_markers(settings, seeds), list(seeds))]
-    own: dict[str, list[Seed]] = {view.name.strip("/"): [] for view in views}
+    own: dict[str, list[Answer]] = {view.name.strip("/"): [] for view in views}
     for seed in seeds:
         camera, _, marker = seed.marker.strip("/").rpartition("/")
         if camera not in own:
@@ -407,7 +410,7 @@ def _by_camera(
     return cameras
 
 
-def _with_seeded_markers(settings: Settings, seeds: Sequence[Seed]) -> Settings:
+def _with_seeded_markers(settings: Settings, seeds: Sequence[Answer]) -> Settings:
     """Settings that also list the markers only the seeds name."""
     known = [m.name for m in settings.markers]
     new = [name for name in dict.fromkeys(seed.marker for seed in seeds) if name not in known]

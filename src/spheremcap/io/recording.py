@@ -523,6 +523,7 @@ def request_of(raw: RawMessage) -> OperatorRequest:
         raised_stamp_ns=stamp_of(message.timestamp),
         reason=message.reason,
         reasons=tuple(message.reasons),
+        answered=message.answered,
     )
 
 
