@@ -117,7 +117,7 @@ class Page:
             "markers": [{"name": m.name, "diameter_mm": round(m.diameter_m * 1000, 4)} for m in opened.markers],
             "camera": {
                 "metric": metric,
-                "note": note,
+                "note": note.replace("; give --camera", ""),
                 "source": camera.source,
                 "focal_sd": camera.focal_sd,
                 "preset": given.preset,

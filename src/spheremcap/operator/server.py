@@ -224,7 +224,7 @@ def application(page: Page) -> Starlette:
         frame = await beside(said.frame)
         snapped = await run(page.snap, frame, said.circle.circle(), said.marker)
         shown = np.zeros((*snapped.mask.shape, 4), np.uint8)
-        shown[snapped.mask > 0] = (255, 64, 255, 150)
+        shown[snapped.mask > 0] = (255, 64, 255, 110)
         return JSONResponse(
             {
                 "circle": dict(zip(("x_px", "y_px", "r_px"), snapped.circle, strict=True)),

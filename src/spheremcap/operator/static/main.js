@@ -459,6 +459,7 @@ async function select(k) {
   choose(r.marker);
   go(r.first_unverified);
   $("request-words").textContent = r.words;
+  $("hide-all").textContent = `Not visible ${r.first_unverified}–${(r.end ?? S.session.last + 1) - 1}`;
   const from = r.last_verified ?? r.first_unverified, to = Math.min(S.session.last, (r.end ?? r.raised + 30) - 1 + (r.end === null ? 0 : 1));
   const said = await statesOf(Math.max(S.session.first, from), Math.min(to, from + 900));
   const states = said.states[r.marker] ?? [];
@@ -690,7 +691,7 @@ on("stop", () => attempt(() => post("/stop")));
 on("track", () => attempt(() => post("/track"))); on("write", () => attempt(() => post("/write")));
 on("open-written", () => attempt(() => post("/open-written")));
 on("propose", () => attempt(() => post("/propose")));
-on("give-circle", newCircle); on("keep", keep);
+on("give-circle", newCircle); on("hide-all", () => { const r = S.requests[S.request]; if (r) saveHidden(r.first_unverified, (r.end ?? S.session.last + 1) - 1); }); on("keep", keep);
 on("see-last", () => { const r = S.requests[S.request]; if (r?.last_verified !== null) go(r.last_verified); });
 on("see-first", () => go(S.requests[S.request].first_unverified));
 on("help", () => $("keys").showModal());
