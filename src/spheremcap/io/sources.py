@@ -16,7 +16,7 @@ from spheremcap.io.join import McapStream
 from spheremcap.io.mcap_images import McapImageSource, TimeBase, image_topics
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.source import Source
-from spheremcap.io.topics import LOG, MARKERS, OVERVIEW, REQUESTS, SCENE, TRANSFORMS, Topics
+from spheremcap.io.topics import LOG, MARKERS, OVERVIEW, REQUESTS, SCENE, TRANSFORMS, Topics, TopicsBeside
 from spheremcap.io.video import VideoSource
 
 Copy = Literal["all", "images", "none"]
@@ -78,30 +78,12 @@ class CameraView:
         camera = ["annotations"] + ["calibration"] * calibration + ([pictures] if pictures else [])
         root = _free(self.name, [LOG, SCENE, REQUESTS, OVERVIEW, MARKERS], self.taken)
         frame_id = self.source.frame_id
-        return _TopicsBeside(
+        return TopicsBeside(
             _free(self.name or _prefix(self.source.topic), camera, self.taken),
             root,
             "" if frame_id else f"{_free(root, [TRANSFORMS], self.taken)}/{TRANSFORMS}",
             frame_id,
         )
-
-
-@dataclass(frozen=True)
-class _TopicsBeside(Topics):
-    """Topics beside those of the input: /tf is often taken, and the camera's coordinate frame is the input's where
-    it has one; where that stands is then the input's to say, and we write no transforms.
-    """
-
-    tf: str = ""
-    frame_id: str = ""
-
-    @property
-    def transforms(self) -> str:
-        return self.tf
-
-    @property
-    def optical_frame(self) -> str:
-        return self.frame_id or f"{self.camera_frame}_optical"
 
 
 @dataclass(frozen=True)
