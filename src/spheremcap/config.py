@@ -220,7 +220,11 @@ _OPTIONAL = {"kind", "author", "time"}
 def load_seeds(path: Path) -> list[Answer]:
     """Read a seeds file: [[seeds]] with marker, frame, x_px, y_px, r_px; or, of kind "hidden" or "keep", with marker,
     frame and to_frame. Each may have author and time. Raises SettingsError."""
-    rows = read_toml(path)
+    return answers_in(read_toml(path), str(path))
+
+
+def answers_in(rows: dict[str, Any], path: str) -> list[Answer]:
+    """What a seeds file says, read already; `path` is how errors call it. Raises SettingsError."""
     if set(rows) != {"seeds"} or not isinstance(rows["seeds"], list):
         raise SettingsError(f"{path}: expected [[seeds]] tables with marker, frame, x_px, y_px, r_px")
     answers: list[Answer] = []

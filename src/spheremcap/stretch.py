@@ -22,7 +22,7 @@ from tempfile import SpooledTemporaryFile
 from spheremcap.chain import ChainConfig
 from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
-from spheremcap.core.estimate import FrameResult, MarkerEstimate
+from spheremcap.core.estimate import FrameResult, MarkerEstimate, OperatorRequest
 from spheremcap.core.frame import Frame
 from spheremcap.core.marker import Answer, Hidden, MarkerSpec, Seed
 from spheremcap.session import Others, Session, SessionConfig
@@ -72,6 +72,7 @@ class Stretch:
         self._file = SpooledTemporaryFile(max_size=_IN_MEMORY_BYTES)  # noqa: SIM115 (goes with this object)
         self._places: dict[int, int] = {}
         self._sorted: list[int] | None = None
+        self._requests: list[OperatorRequest] = []
         self._latest: FrameResult | None = None
 
     @property
@@ -106,11 +107,17 @@ class Stretch:
         """Its marker on one of its frames."""
         return self[frame_index].estimates[0]
 
+    @property
+    def requests(self) -> list[OperatorRequest]:
+        """Those that were raised on its frames."""
+        return [request for request in self._requests if request.raised_at_frame_index in self]
+
     def add(self, result: FrameResult) -> None:
         """Take in the result of one more frame."""
         self._file.seek(0, 2)
         self._places[result.frame_index] = self._file.tell()
         pickle.dump(result, self._file, pickle.HIGHEST_PROTOCOL)
+        self._requests += result.requests
         self._sorted = None
 
     def leave(self, frames: Iterable[int]) -> None:
@@ -157,8 +164,10 @@ def correct(
     base: Base,
     frame_at: FrameAt,
     go_on: Callable[[], bool] = lambda: True,
+    only: Seed | None = None,
 ) -> Corrected:
-    """Follow the marker from each of its circles but the first; `go_on` is asked before each frame.
+    """Follow the marker from each of its circles but the first, or from `only` that one; `go_on` is asked before each
+    frame.
 
     Where it says no, the stretches end there and nothing of them may be used.
     """
@@ -168,10 +177,12 @@ def correct(
     later = sorted(seeds[1:], key=lambda seed: seed.frame_index)
     corrected = Corrected(marker, hidden, tuple(map(Stretch, later)))
     way = _Way(marker, sorted(seed.frame_index for seed in seeds), corrected, terms, base, frame_at, go_on)
+    for k, stretch in enumerate(corrected.stretches):
+        if only is None or only in [behind.answer for behind in corrected.stretches[k : k + 2]]:
+            way.forwards(stretch)
     for stretch in corrected.stretches:
-        way.forwards(stretch)
-    for stretch in corrected.stretches:
-        way.backwards(stretch)
+        if only is None or stretch.answer == only:
+            way.backwards(stretch)
     return corrected
 
 

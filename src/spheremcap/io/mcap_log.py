@@ -39,10 +39,14 @@ SCENE_PERIOD_NS = 15_000_000
 TRAIL_NS = 1_000_000_000
 
 
-class Sink(Protocol):
-    """The part of mcap.writer.Writer that a log needs."""
+class SchemaSink(Protocol):
+    """Whatever stores schemas."""
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int: ...
+
+
+class Sink(SchemaSink, Protocol):
+    """The part of mcap.writer.Writer that a log needs."""
 
     def register_channel(
         self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str] = ...
@@ -59,7 +63,7 @@ _SCHEMA_DATA: dict[str, bytes] = {}
 _SCHEMA_IDS: WeakKeyDictionary[Any, dict[str, int]] = WeakKeyDictionary()
 
 
-def schema_id(sink: Sink, message_class: Message) -> int:
+def schema_id(sink: SchemaSink, message_class: Message) -> int:
     """The id of a protobuf class's schema in `sink`, registered on first use: one per type and writer."""
     name: str = message_class.DESCRIPTOR.full_name
     ids = _SCHEMA_IDS.setdefault(sink, {})
@@ -68,6 +72,12 @@ def schema_id(sink: Sink, message_class: Message) -> int:
             _SCHEMA_DATA[name] = build_file_descriptor_set(message_class).SerializeToString(deterministic=True)
         ids[name] = sink.register_schema(name, "protobuf", _SCHEMA_DATA[name])
     return ids[name]
+
+
+def run_id(version: str, input_sha256: str, settings_toml: str, seeds_toml: str) -> str:
+    """Twelve hex digits that stand for all that decides what is in a recording; without a hash, the input's name."""
+    parts = (version, input_sha256, settings_toml, seeds_toml)
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:12]
 
 
 @dataclass(frozen=True)
@@ -91,8 +101,7 @@ class RunInfo:
     @property
     def id(self) -> str:
         """Twelve hex digits that stand for input, settings, seeds and version together."""
-        parts = (VERSION, self.input_sha256 or self.input_name, self.settings_toml, self.seeds_toml)
-        return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:12]
+        return run_id(VERSION, self.input_sha256 or self.input_name, self.settings_toml, self.seeds_toml)
 
     def lines(self) -> dict[str, str]:
         """The metadata record's own lines; what is not known is left out."""

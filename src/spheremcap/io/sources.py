@@ -1,5 +1,6 @@
 """What is tracked: a video file, a folder of pictures, or image topics of a recording with what is copied of it."""
 
+import hashlib
 import itertools
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -222,3 +223,16 @@ def _free(place: str, leaves: Sequence[str], taken: Collection[str]) -> str:
         if not any(topic == mine or topic.startswith(f"{mine}/") for topic in taken for mine in ours):
             return tried
     raise AssertionError
+
+
+def fingerprint(path: Path) -> tuple[int, str]:
+    """Size in bytes and SHA-256 of a file, or of a folder's files one after another, by name."""
+    if path.is_dir():
+        whole, size = hashlib.sha256(), 0
+        for file_path in sorted(p for p in path.iterdir() if p.is_file()):
+            with file_path.open("rb") as file:
+                whole.update(hashlib.file_digest(file, "sha256").digest())
+            size += file_path.stat().st_size
+        return size, whole.hexdigest()
+    with path.open("rb") as file:
+        return path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()

@@ -78,6 +78,10 @@ class FrameStates:
         """The numbers of the frames with that log time: one, but where times did not rise."""
         return range(bisect_left(self._frames.log_times, log_time), bisect_right(self._frames.log_times, log_time))
 
+    def numbers_from(self, log_time: int) -> int:
+        """The number of the first frame with that log time or a later one."""
+        return bisect_left(self._frames.log_times, log_time)
+
     def stamp_ns(self, number: int) -> int:
         """When the frame was taken, ns."""
         return self._frames.message(number).publish_time

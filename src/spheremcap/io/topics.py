@@ -135,7 +135,6 @@ class TopicsBeside(Topics):
 
 def topics_of(facts: Mapping[str, str]) -> Topics | None:
     """The topics of a run by what the recording says of it; None where it does not."""
-    names = [facts.get(f"topics.{name}") for name in ("camera", "root", "tf", "frame_id")]
-    if any(name is None for name in names):
+    if "topics.camera" not in facts:
         return None
-    return TopicsBeside(*(name or "" for name in names))
+    return TopicsBeside(*(facts.get(f"topics.{name}", "") for name in ("camera", "root", "tf", "frame_id")))
