@@ -7,7 +7,7 @@ __version__ = "0.1.0"
 
 
 _HOMES = {
-    "api": ["TrackReport", "track"],
+    "api": ["RetrackReport", "TrackReport", "retrack", "stretch_of", "track"],
     "chain": ["ChainConfig", "MarkerChain"],
     "config": ["Settings", "load_seeds", "load_settings"],
     "core.camera": ["Camera"],

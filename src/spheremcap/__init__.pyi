@@ -1,6 +1,9 @@
 """The public names with their types; `__init__.py` loads each when it is first asked for."""
 
+from spheremcap.api import RetrackReport as RetrackReport
 from spheremcap.api import TrackReport as TrackReport
+from spheremcap.api import retrack as retrack
+from spheremcap.api import stretch_of as stretch_of
 from spheremcap.api import track as track
 from spheremcap.chain import ChainConfig as ChainConfig
 from spheremcap.chain import MarkerChain as MarkerChain

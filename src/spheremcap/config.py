@@ -1,7 +1,7 @@
 """Settings: the stages' own configs, composed, and how they are written in TOML. The seeds file is read here too."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -220,11 +220,11 @@ _OPTIONAL = {"kind", "author", "time"}
 def load_seeds(path: Path) -> list[Answer]:
     """Read a seeds file: [[seeds]] with marker, frame, x_px, y_px, r_px; or, of kind "hidden" or "keep", with marker,
     frame and to_frame. Each may have author and time. Raises SettingsError."""
-    return answers_of(read_toml(path), path)
+    return answers_in(read_toml(path), str(path))
 
 
-def answers_of(rows: Mapping[str, Any], path: Path) -> list[Answer]:
-    """The answers in the tables of a seeds file. Raises SettingsError, which names `path`."""
+def answers_in(rows: dict[str, Any], path: str) -> list[Answer]:
+    """What a seeds file says, read already; `path` is how errors call it. Raises SettingsError."""
     if set(rows) != {"seeds"} or not isinstance(rows["seeds"], list):
         raise SettingsError(f"{path}: expected [[seeds]] tables with marker, frame, x_px, y_px, r_px")
     answers: list[Answer] = []

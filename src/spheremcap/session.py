@@ -51,7 +51,7 @@ class _Lane:
     seeded: bool = False
     status: Status | None = None
     stretch: int = 0  # grows with every start of the filter: smoothing never crosses it
-    moments: deque[tuple[int, int, Moment]] = field(default_factory=deque)  # (frame index, stretch, moment)
+    moments: deque[tuple[int, int, Moment]] = field(default_factory=deque)  # (number of the frame, stretch, moment)
     first_miss_stamp_ns: int = 0
     first_miss_frame: int = 0
     against: Counter[str] = field(default_factory=Counter)  # what spoke against the claims since then
@@ -90,6 +90,7 @@ class Session:
     ) -> None:
         self._keep_view, self._others = keep_view, others
         self.latest: FrameResult | None = None
+        self._taken = 0  # frames; indices need not rise
         self.config = config or SessionConfig()
         chain = chain or ChainConfig()
         self._kalman = chain.kalman
@@ -115,12 +116,13 @@ class Session:
         Raises UsageError when a seed lies on a frame after the last one.
         """
         lag = self.config.smoother_lag_frames
-        pending: deque[FrameResult] = deque()
+        pending: deque[tuple[int, FrameResult]] = deque()
         count, last = 0, -1
         with ThreadPoolExecutor(self._threads, "look") if self._threads > 1 else nullcontext() as pool:
             for frame in frames:
                 count, last = count + 1, max(last, frame.index)
-                pending.append(self._frame(frame, pool.map if pool is not None else map))
+                result = self._frame(frame, pool.map if pool is not None else map)
+                pending.append((self._taken, result))
                 # Smoothing in blocks of one lag costs each pose two backward steps, whatever the lag.
                 if len(pending) >= 2 * lag:
                     yield from self._release(pending, lag)
@@ -133,6 +135,7 @@ class Session:
                 )
 
     def _frame(self, frame: Frame, side_by_side: Callable[..., Iterable[tuple[Look, ...]]]) -> FrameResult:
+        self._taken += 1
         found: dict[str, MarkerEstimate] = {}
         views: dict[str, StageView] = {}
         requests: list[OperatorRequest] = []
@@ -173,7 +176,7 @@ class Session:
             lane.stretch += 1
         moment, hidden = lane.chain.moment, HIDDEN in estimate.reasons
         if moment is not None and self._metric and not hidden:
-            lane.moments.append((estimate.frame_index, lane.stretch, moment))
+            lane.moments.append((self._taken, lane.stretch, moment))
         if not estimate.status.measured:
             if lane.status is None or lane.status.measured or lane.was_hidden:
                 lane.first_miss_frame, lane.first_miss_stamp_ns = estimate.frame_index, estimate.stamp_ns
@@ -206,36 +209,37 @@ class Session:
             )
         ]
 
-    def _release(self, pending: deque[FrameResult], count: int) -> Iterator[FrameResult]:
+    def _release(self, pending: deque[tuple[int, FrameResult]], count: int) -> Iterator[FrameResult]:
         """The oldest `count` results with their smoothed poses."""
         smoothed: dict[int, list[SmoothedPose]] = {}
         if count == 0:
             return
-        last = pending[count - 1].frame_index
+        indices = {number: result.frame_index for number, result in pending}
+        last = pending[count - 1][0]
         for name, lane in self._lanes.items():
-            for index, moment in _smoothed(list(lane.moments), self._kalman):
-                if index <= last:
+            for number, moment in _smoothed(list(lane.moments), self._kalman):
+                if number <= last:
                     covariance = lane.chain.whereabouts.reported(moment.xyz_cam_m, moment.covariance[:3, :3])
                     pose = SmoothedPose(
-                        name, index, moment.stamp_ns, moment.xyz_cam_m, covariance, moment.velocity_cam_mps
+                        name, indices[number], moment.stamp_ns, moment.xyz_cam_m, covariance, moment.velocity_cam_mps
                     )
-                    smoothed.setdefault(index, []).append(pose)
+                    smoothed.setdefault(number, []).append(pose)
             while lane.moments and lane.moments[0][0] <= last:
                 lane.moments.popleft()
         for _ in range(count):
-            result = pending.popleft()
-            yield replace(result, smoothed=tuple(smoothed.get(result.frame_index, ())))
+            number, result = pending.popleft()
+            yield replace(result, smoothed=tuple(smoothed.get(number, ())))
 
 
 def _smoothed(moments: Sequence[tuple[int, int, Moment]], kalman: KalmanConfig) -> Iterator[tuple[int, Moment]]:
-    """Frame index and smoothed moment of each, stretch by stretch."""
+    """Number of the frame and smoothed moment of each, stretch by stretch."""
     start = 0
     for k in range(1, len(moments) + 1):
         if k == len(moments) or moments[k][1] != moments[start][1]:
             stretch = moments[start:k]
             smoothed = smooth([m for _, _, m in stretch], kalman)
-            for (index, _, _), moment in zip(stretch, smoothed, strict=True):
-                yield index, moment
+            for (number, _, _), moment in zip(stretch, smoothed, strict=True):
+                yield number, moment
             start = k
 
 

@@ -19,6 +19,7 @@ from spheremcap.cli import (
     info,
     merge,
     recover,
+    retrack,
     sync,
     synth,
     track,
@@ -62,7 +63,7 @@ def _root(
 
 
 for verb in (
-    annotate.annotate, track.track, merge.merge, recover.recover, sync.sync, info.info, export.export,
+    annotate.annotate, track.track, retrack.retrack, merge.merge, recover.recover, sync.sync, info.info, export.export,
     evaluate.evaluate, experiment.experiment, synth.synth,
 ):  # fmt: skip
     app.command(help=_paragraphs(verb.__doc__ or ""))(verb)

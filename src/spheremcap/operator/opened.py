@@ -14,7 +14,7 @@ import tomli_w
 from pydantic import ValidationError
 
 from spheremcap.api import aspect_of, resolve_camera
-from spheremcap.config import CameraSettings, MarkerSettings, Settings, answers_of, load_settings
+from spheremcap.config import CameraSettings, MarkerSettings, Settings, answers_in, load_settings
 from spheremcap.core.camera import Camera
 from spheremcap.core.estimate import OperatorRequest
 from spheremcap.core.frame import Frame
@@ -347,7 +347,7 @@ def _ours(path: Path) -> _Ours | None:
         raise SourceError(f"{path}: none of its markers' states can be read")
     try:
         settings = Settings.model_validate(tomllib.loads(texts.get("settings.toml", "")))
-        answers = tuple(answers_of(tomllib.loads(texts["seeds.toml"]), path)) if texts.get("seeds.toml") else ()
+        answers = tuple(answers_in(tomllib.loads(texts["seeds.toml"]), str(path))) if texts.get("seeds.toml") else ()
     except (ValidationError, ValueError, RecursionError, SettingsError) as error:
         raise SourceError(f"{path}: its settings or seeds are damaged: {short(error)}") from error
     markers = tuple(name.rpartition("/")[2] for name in tracks.values())

@@ -264,13 +264,14 @@ class Page:
         opened = self.opened
 
         def run(work: Work) -> str:
-            stretch = api.stretch_of(opened.path, answer, progress=work.progress, stop=work.stopping)
+            stretch = api.stretch_of(opened.path, answer, others=others, progress=work.progress, stop=work.stopping)
             if work.stopping():
                 return "stopped: what stands is as it was"
             states = {r.frame_index: state_of(e) for r in stretch for e in r.estimates if e.marker == marker}
             self.trial = Trial(answer, states, stretch.before, stretch.after)
             return f"{marker} was followed on {len(states)} frames"
 
+        others = [one for one in opened.unwritten() if one != answer]
         self.trial = None
         self.work.start(f"tracking {marker} from frame {frame}", run)
 
@@ -351,11 +352,13 @@ class Page:
         output = _free(opened.path.resolve())
 
         def run(work: Work) -> str:
-            report = api.retrack(opened.path, output, answers, progress=work.progress, stop=work.stopping)
+            report = api.retrack(
+                opened.path, output, answers, inputs=[opened.answers.path], progress=work.progress, stop=work.stopping
+            )
             if report.stopped:
                 return "stopped: nothing was written"
             self.written = output
-            return f"written: {output.name}"
+            return f"{len(report.stretches)} answer{'s' * (len(report.stretches) != 1)} -> {output.name}"
 
         self.work.start("writing the new recording", run)
 
