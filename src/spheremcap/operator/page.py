@@ -3,7 +3,7 @@
 import math
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
@@ -139,7 +139,7 @@ class Page:
             "lanes": -1 if opened.lanes is None else opened.lanes.revision,
             "trial": self.trial is not None,
             "written": None if self.written is None else self.written.name,
-            "job": {"name": job.name, "done": job.done, "total": job.total, "ended": job.ended, "said": job.said},
+            "job": asdict(job),
         }
 
     def answers(self) -> Json:

@@ -9,9 +9,12 @@ from spheremcap.errors import SpheremcapError, UsageError
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What is being done, or was done last. `total` is None where nobody knows; `ended` says how: done, stopped,
-    failed, or "" while it runs; `said` is a line for the person."""
+    """What is being done, or was done last; `number` counts the jobs from 1.
 
+    `total` is None where nobody knows; `ended` says how: done, stopped, failed, or "" while it runs; `said` is a line
+    for the person."""
+
+    number: int = 0
     name: str = ""
     done: int = 0
     total: int | None = None
@@ -35,7 +38,7 @@ class Work:
             if self.job.ended == "":
                 raise UsageError(f"wait until this has ended, or stop it: {self.job.name}")
             self._stopping.clear()
-            self._set(Job(name, ended=""))
+            self._set(Job(self.job.number + 1, name, ended=""))
             self._thread = threading.Thread(target=self._run, args=(run,), name="work", daemon=True)
             self._thread.start()
 

@@ -402,7 +402,7 @@ function takeAnswers(said) {
     where.className = "go";
     where.title = [a.author, a.time].filter(Boolean).join(", ") || "no author noted";
     item.append(where);
-    if (a.kind === "circle" && S.session.kind === "recording") {
+    if (a.kind === "circle" && S.session.kind === "recording" && !a.written) {
       const again = button("Track", () => { choose(a.marker); go(a.frame); trackAgain(a.marker, a.frame); });
       again.setAttribute("aria-label", `Track ${a.marker} again from frame ${a.frame}`);
       item.append(again);
@@ -619,7 +619,7 @@ let lost = false;
 
 /** @param {any} now */
 function job(now) {
-  const ended = S.job && S.job.ended === "" && now.ended !== "";
+  const ended = S.job && now.ended !== "" && (S.job.ended === "" || S.job.number !== now.number);
   S.job = now;
   $("job").hidden = now.ended !== "";
   $("job-name").textContent = now.name;

@@ -9,7 +9,8 @@ const REST_MS = 90;
 export class Pictures {
   /** @param {(picture: Picture, wanted: number) => void} show @param {(error: Error) => void} fail */
   constructor(show, fail) {
-    this.show = show;
+    /** @type {ImageBitmap | null} */ this.seen = null; // on the screen: it has to stay
+    this.show = (/** @type {Picture} */ picture, /** @type {number} */ wanted) => { this.seen = picture.image; show(picture, wanted); };
     this.fail = fail;
     this.viewer = crypto.randomUUID();
     /** @type {Map<number, Picture>} */
@@ -23,7 +24,7 @@ export class Pictures {
 
   /** Everything is another file's now. */
   forget() {
-    for (const picture of this.kept.values()) picture.image.close();
+    for (const picture of this.kept.values()) this.drop(picture);
     this.kept.clear();
     this.wanted = -1;
   }
@@ -87,13 +88,17 @@ export class Pictures {
     const shown = Number(response.headers.get("x-frame"));
     const image = await createImageBitmap(await response.blob());
     if (signal.aborted) { image.close(); return null; }
+    const there = this.kept.get(shown);
+    if (there) { image.close(); return there; }
     const picture = { frame: shown, seconds: Number(response.headers.get("x-seconds")), image };
-    this.kept.get(shown)?.image.close();
     this.kept.set(shown, picture);
     for (const [old, gone] of this.kept) {
       if (this.kept.size <= KEPT) break;
-      if (old !== shown && old !== this.wanted) { this.kept.delete(old); gone.image.close(); }
+      if (old !== shown && old !== this.wanted) { this.kept.delete(old); this.drop(gone); }
     }
     return picture;
   }
+
+  /** @param {Picture} picture */
+  drop(picture) { if (picture.image !== this.seen) picture.image.close(); }
 }
