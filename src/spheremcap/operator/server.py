@@ -396,6 +396,7 @@ class Server:
         self._socket = socket.socket(family, socket.SOCK_STREAM)
         try:
             self._socket.bind((address, 0))
+            self._socket.listen()  # who comes before the server has begun waits
         except OSError as error:
             self._socket.close()
             raise UsageError(
