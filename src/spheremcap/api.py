@@ -6,11 +6,12 @@ import hashlib
 import heapq
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -37,17 +38,21 @@ from spheremcap.io.source import Source as FrameSource
 from spheremcap.io.sources import CameraView, FromMcap, open_input
 from spheremcap.io.video import VideoSource
 from spheremcap.merging.dataset import Dataset, Source, merge
+from spheremcap.proposals import Proposal
+from spheremcap.proposals import propose as proposed_on
 from spheremcap.session import Session
 from spheremcap.snap import Snap, snapped
 
 __all__ = [
     "Dataset",
+    "Proposal",
     "Recording",
     "Snap",
     "Source",
     "TrackReport",
     "merge",
     "open",
+    "propose",
     "resolve_camera",
     "snap",
     "track",
@@ -175,6 +180,20 @@ def snap(
         frame, circle, MarkerSpec("marker", diameter_m), camera or assumed, settings.chain,
         metric=camera is not None, exposure_s=settings.camera.exposure_s, readout_s=settings.camera.readout_s,
     )  # fmt: skip
+
+
+def propose(frames: Iterable[Frame], settings: Settings, camera: Camera | None = None) -> list[Proposal]:
+    """What may be a coloured marker on frames in a row, such as those of a video's first seconds: the likeliest first.
+
+    `camera` as for `snap`. The frames are gone through once, one at a time; of a single one nothing is known of how
+    things move on it.
+    """
+    given = iter(frames)
+    first = next(given, None)
+    if first is None:
+        return []
+    chosen = camera or assumed_camera(first.width_px, first.height_px)
+    return proposed_on(chain([first], given), chosen, settings.chain)
 
 
 def track(
