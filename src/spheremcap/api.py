@@ -15,7 +15,6 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from spheremcap import corrections
 from spheremcap.config import CameraSettings, MarkerSettings, Settings, seeds_toml
 from spheremcap.core.camera import Camera
 from spheremcap.core.estimate import FrameResult, MarkerEstimate, Status
@@ -23,7 +22,10 @@ from spheremcap.core.frame import BgrImage, EncodedPicture, Frame
 from spheremcap.core.marker import Answer, Seed
 from spheremcap.core.presets import PRESETS, assumed_camera
 from spheremcap.core.time import NS_PER_S, format_time
-from spheremcap.corrections import RetrackReport, camera_fact, lost_marker
+from spheremcap.corrections import job
+from spheremcap.corrections.job import RetrackReport
+from spheremcap.corrections.run import camera_fact
+from spheremcap.corrections.told import lost_marker
 from spheremcap.detection.aspect import pixel_aspect
 from spheremcap.errors import UsageError
 from spheremcap.io import overlays
@@ -248,7 +250,7 @@ def _answer(
 ) -> None:  # fmt: skip
     """The second half of `track` where there are answers: `base` becomes the output with them, and goes."""
     try:
-        done = corrections.retrack(
+        done = job.retrack(
             base, report.output, seeds, source=source, checked=True, view_keeper=_view_keeper, inputs=inputs,
             overwrite=overwrite, progress=progress, stop=stop,
         )  # fmt: skip
@@ -288,7 +290,7 @@ def retrack(
     or as `source`. `inputs` are further files that the output must not be. `progress` gets the number of frames that
     were tracked again. Raises SpheremcapError.
     """
-    return corrections.retrack(
+    return job.retrack(
         Path(recording), Path(output), answers, source=None if source is None else Path(source), checked=False,
         view_keeper=_view_keeper, inputs=inputs, overwrite=overwrite, progress=progress, stop=stop,
     )  # fmt: skip
@@ -315,9 +317,7 @@ def stretch_of(
         return not stop()
 
     where = None if source is None else Path(source)
-    return corrections.stretch_of(
-        Path(recording), answer, others=others, source=where, view_keeper=_view_keeper, go_on=go_on
-    )
+    return job.stretch_of(Path(recording), answer, others=others, source=where, view_keeper=_view_keeper, go_on=go_on)
 
 
 class _Camera:
