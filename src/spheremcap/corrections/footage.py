@@ -12,7 +12,7 @@ from typing import cast
 
 from spheremcap.core.frame import Frame
 from spheremcap.corrections.run import Run
-from spheremcap.errors import SourceError
+from spheremcap.errors import SourceError, UsageError
 from spheremcap.io.mcap_images import TimeBase
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.pictures import open_pictures
@@ -23,7 +23,7 @@ class Footage:
     """The frames that a run was tracked on, by its own indices and stamps. `note` says where they are not the same.
 
     Without `source` the recording's own pictures are taken where they are those of the input, else the input beside
-    it, else the recording's own after all. Raises SourceError where there are none, or the input is another.
+    it, else the recording's own after all. Raises SourceError where there are none, UsageError for another input.
     """
 
     def __init__(self, run: Run, records: McapRecords, source: Path | None, checked: bool, files: ExitStack) -> None:
@@ -50,7 +50,7 @@ class Footage:
             return
         if not checked:
             if not _fits(path, run.facts):
-                raise SourceError(f"{path}: is not what {records.path} was tracked on: another size, or not there")
+                raise UsageError(f"{path}: is not what {records.path} was tracked on: another size, or not there")
             pool = files.enter_context(ThreadPoolExecutor(1, "hash"))
             self._right = pool.submit(_compare_hash, path, run.facts, records.path)
         rate = run.facts.get("rate")
@@ -79,7 +79,7 @@ class Footage:
         return frame
 
     def confirm(self) -> None:
-        """Wait until the input is known to be the very one. Raises SourceError where it is not."""
+        """Wait until the input is known to be the very one. Raises UsageError where it is not."""
         if self._right is not None:
             self._right.result()
 
@@ -118,4 +118,4 @@ def _fits(path: Path, facts: Mapping[str, str]) -> bool:
 
 def _compare_hash(path: Path, facts: Mapping[str, str], recording: Path) -> None:
     if fingerprint(path)[1] != facts.get("input_sha256"):
-        raise SourceError(f"{path}: is not what {recording} was tracked on: its content is another")
+        raise UsageError(f"{path}: is not what {recording} was tracked on: its content is another")

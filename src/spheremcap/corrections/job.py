@@ -13,20 +13,18 @@ from spheremcap.corrections.footage import Footage
 from spheremcap.corrections.rewriting import Rewriting, same
 from spheremcap.corrections.run import (
     ANSWERS,
-    SEEDS,
-    SETTINGS,
     Run,
     ViewKeeper,
     answered_markers,
     by_run,
-    input_of,
     named_answers,
+    new_id,
     opened,
 )
 from spheremcap.corrections.told import lost_marker, said, told_of
 from spheremcap.errors import UsageError
 from spheremcap.io.join import OutMessage
-from spheremcap.io.mcap_log import OUTCOME_METADATA, RUN_METADATA, run_id
+from spheremcap.io.mcap_log import OUTCOME_METADATA, RUN_METADATA
 from spheremcap.io.mcap_records import McapRecords, Piece
 from spheremcap.io.output import records_output
 from spheremcap.io.rewrite import ChunkWriter
@@ -161,8 +159,8 @@ def _write_facts(records: McapRecords, done: _Done, writer: ChunkWriter) -> dict
     renamed, seeds = {}, {}
     for run, own, found, _ in done:
         text = seeds_toml(own)
-        seeds[run.id] = text
-        renamed[run.id] = run_id(run.facts.get("version", ""), input_of(run.facts), run.settings_toml, text)
+        seeds[run.seeds_place] = text
+        renamed[run.id] = new_id(run.facts, run.settings_toml, text)
         lines = [told_of(stretch) for one in found.values() for stretch in one.stretches]
         lines += [f"{one.marker}: {said(hidden)}" for one in found.values() for hidden in one.hidden]
         facts = {key: told for key, told in run.own_facts.items() if key != ANSWERS}
@@ -170,16 +168,9 @@ def _write_facts(records: McapRecords, done: _Done, writer: ChunkWriter) -> dict
     for record in records.metadata:
         if record.name.removeprefix(RUN_METADATA) not in renamed and not record.name.startswith(OUTCOME_METADATA):
             writer.add_metadata(record.name, record.metadata)
-    texts = [(a.name, a.data) for a in records.attachments() if a.name in (SEEDS, SETTINGS)]
-    place = -1
-    for attachment in records.attachments():
-        if attachment.name in (SEEDS, SETTINGS):
-            place += 1
-            before = texts[place - 1] if place else ("", b"")
-            for run, _, _, _ in done:
-                whole = [before, (attachment.name, attachment.data)]
-                if whole == [(SETTINGS, run.settings_toml.encode()), (SEEDS, run.seeds_toml.encode())]:
-                    attachment = replace(attachment, data=seeds[run.id].encode())
+    for place, attachment in enumerate(records.attachments()):
+        if place in seeds:
+            attachment = replace(attachment, data=seeds[place].encode())
         writer.add_attachment(attachment)
     return renamed
 

@@ -42,11 +42,13 @@ class Run:
     """One camera's run in a recording: what it was tracked with and what was found, without any answer.
 
     `answers` are those that the recording has now, its first circles among them. `name` goes before its markers' names
-    where a recording has several cameras.
+    where a recording has several cameras. `seeds_place` says which of the attachments are its seeds.
     """
 
-    def __init__(self, records: McapRecords, id_: str, facts: Mapping[str, str], settings: str, seeds: str) -> None:
-        self.id, self.facts, self.settings_toml, self.seeds_toml = id_, facts, settings, seeds
+    def __init__(
+        self, records: McapRecords, id_: str, facts: Mapping[str, str], settings: str, seeds: str, seeds_place: int
+    ) -> None:
+        self.id, self.facts, self.settings_toml, self.seeds_place = id_, facts, settings, seeds_place
         self.name = facts.get("name", "")
         records_own = (r.metadata for r in records.metadata if r.name == RUN_METADATA + id_)
         self.own_facts: dict[str, str] = next(records_own, {})  # without those of its outcome
@@ -74,23 +76,28 @@ class Run:
 
 def runs_in(records: McapRecords) -> list[Run]:
     """The runs of a recording, by the settings and seeds that go with each. Raises SourceError where there is none."""
-    facts = runs_of(records)
-    texts = [(a.name, a.data.decode("utf-8", "replace")) for a in records.attachments() if a.name in (SEEDS, SETTINGS)]
-    found: dict[str, Run] = {}
-    for (name, settings), (after, seeds) in itertools.pairwise(texts):
-        if (name, after) != (SETTINGS, SEEDS):
+    facts, found = runs_of(records), dict[str, Run]()
+    texts = [
+        (place, attachment.name, attachment.data.decode("utf-8", "replace"))
+        for place, attachment in enumerate(records.attachments())
+        if attachment.name in (SEEDS, SETTINGS)
+    ]
+    for (_, before, settings), (place, name, seeds) in itertools.pairwise(texts):
+        if (before, name) != (SETTINGS, SEEDS):
             continue
         for id_, lines in facts.items():
-            is_its = id_ == run_id(lines.get("version", ""), input_of(lines), settings, seeds)
-            if is_its and id_ not in found:
-                found[id_] = Run(records, id_, lines, settings, seeds)
+            if id_ not in found and id_ == new_id(lines, settings, seeds):
+                found[id_] = Run(records, id_, lines, settings, seeds, place)
+                break
     if not found:
         raise SourceError(f"{records.path}: no run of spheremcap track is in it: only what it wrote can be corrected")
     return list(found.values())
 
 
-def input_of(facts: Mapping[str, str]) -> str:
-    return facts.get("input_sha256") or facts.get("input_name", "")
+def new_id(facts: Mapping[str, str], settings: str, seeds: str) -> str:
+    """The id that a run of these facts has with such settings and seeds."""
+    given = facts.get("input_sha256") or facts.get("input_name", "")
+    return run_id(facts.get("version", ""), given, settings, seeds, facts.get("name", ""))
 
 
 def merged_answers(run: Run, given: Sequence[Answer]) -> list[Answer]:
