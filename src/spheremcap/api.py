@@ -1,8 +1,7 @@
-"""The jobs of spheremcap as functions: track a video into a recording, merge recordings and sensor files, open what
-came out. Wires io to the session.
+"""The jobs of spheremcap as functions: track a video into a recording, correct one by what a person answers, merge
+recordings and sensor files, open what came out. Wires io to the session.
 """
 
-import hashlib
 import heapq
 import os
 from collections import Counter, deque
@@ -22,39 +21,51 @@ from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import FrameResult, MarkerEstimate, Status
 from spheremcap.core.frame import BgrImage, EncodedPicture, Frame
-from spheremcap.core.marker import MarkerSpec, Seed
+from spheremcap.core.marker import Answer, MarkerSpec, Seed
 from spheremcap.core.presets import PRESETS, assumed_camera
 from spheremcap.core.time import NS_PER_S, format_time
+from spheremcap.corrections import job
+from spheremcap.corrections.job import RetrackReport
+from spheremcap.corrections.run import camera_fact
+from spheremcap.corrections.told import lost_marker
 from spheremcap.detection.aspect import pixel_aspect
 from spheremcap.errors import UsageError
+from spheremcap.io import overlays
 from spheremcap.io.ahead import ahead, in_order
 from spheremcap.io.calibration import read_camera_info
 from spheremcap.io.encode import H264Encoder, jpeg_encode
+from spheremcap.io.folder import PictureFolder
 from spheremcap.io.join import Join
+from spheremcap.io.mcap_images import McapImageSource
 from spheremcap.io.mcap_log import McapLog, RunInfo
 from spheremcap.io.output import SharedWriter, checked_output, open_output
 from spheremcap.io.recording import Recording, open
 from spheremcap.io.source import Source as FrameSource
-from spheremcap.io.sources import CameraView, FromMcap, open_input
+from spheremcap.io.sources import CameraView, FromMcap, fingerprint, open_input
 from spheremcap.io.video import VideoSource
 from spheremcap.merging.dataset import Dataset, Source, merge
 from spheremcap.proposals import Proposal
 from spheremcap.proposals import propose as proposed_on
-from spheremcap.session import Session
+from spheremcap.session import Session, check_answers
 from spheremcap.snap import Snap, snapped
+from spheremcap.stretch import Stretch, base_seeds
 
 __all__ = [
     "Dataset",
     "Proposal",
     "Recording",
+    "RetrackReport",
     "Snap",
     "Source",
+    "Stretch",
     "TrackReport",
     "merge",
     "open",
     "propose",
     "resolve_camera",
+    "retrack",
     "snap",
+    "stretch_of",
     "track",
 ]
 
@@ -150,9 +161,10 @@ def resolve_camera(
     return camera, True, note
 
 
-def aspect_of(source: FrameSource, seeds: Sequence[Seed]) -> tuple[float, str]:
+def aspect_of(source: FrameSource, answers: Sequence[Answer]) -> tuple[float, str]:
     """How much wider than high a video's pixels are, and who says so: the video, else the outline of its first seed, if
     that is among the first `_AHEAD` frames and plainly that of an ellipse. Without seeds the video alone is asked."""
+    seeds = (answer for answer in answers if isinstance(answer, Seed))
     first = min(seeds, key=lambda seed: seed.frame_index, default=None)
     if first is None or first.frame_index > _AHEAD or source.pixel_aspect != 1 or not isinstance(source, VideoSource):
         return source.pixel_aspect, "as the video says"
@@ -200,7 +212,7 @@ def track(
     source_path: str | os.PathLike[str],
     output: str | os.PathLike[str],
     settings: Settings,
-    seeds: Sequence[Seed],
+    seeds: Sequence[Answer],
     *,
     folder: Path = Path(),
     inputs: Sequence[Path] = (),
@@ -213,7 +225,9 @@ def track(
 ) -> TrackReport:
     """Track every marker through a video, or through image topics of an MCAP, and write the annotated recording.
 
-    Markers that only the seeds name get the default diameter. With several image topics, each is a camera of its
+    A marker's first seed is where its track begins; what comes after it in `seeds` are answers, for which the frames
+    are gone over once more when all have been tracked, as `retrack` does it. Markers that only the seeds name get the
+    default diameter. With several image topics, each is a camera of its
     own, and a seed's marker is named after the camera's topic: `front/left_wrist` is on /front/image. `folder` is
     where relative paths in the settings start, `inputs` the files that settings and seeds came from: the output must be
     none of them. `start_time_ns` is for videos and folders of pictures, `rate` (pictures a second) for folders, `mcap`
@@ -226,7 +240,7 @@ def track(
     packets = settings.output.video in ("auto", "passthrough")
     with open_input(path, mcap, start_time_ns=start_time_ns, rate=rate, packets=packets) as given:
         report = TrackReport(out)
-        shared = RunInfo(path.name, *_fingerprint(path))
+        shared = RunInfo(path.name, *fingerprint(path))
         cameras = [_Camera(*one, folder, shared) for one in _by_camera(given.views, settings, seeds)]
         hints = [view.source.frame_count_hint for view in given.views]
         done, expected = 0, sum(hint or 0 for hint in hints) if all(hints) else None
@@ -258,19 +272,101 @@ def track(
             if not report.stopped:
                 copy.rest()
                 report.stopped = copy.stopped
-            writer.complete = not report.stopped
+            answered = len(base_seeds(seeds)) < len(seeds) and not report.stopped
+            writer.complete = not report.stopped and not answered
             report.part = writer.part if report.stopped and writer.counts else None
             report.notes += writer.notes
         report.lost = given.lost() + report.lost
+    if answered and writer.part is not None:
+        _answer(report, writer.part, path, seeds, given_files, overwrite, progress, stop)
     return report
+
+
+def _answer(
+    report: TrackReport, base: Path, source: Path, seeds: Sequence[Answer], inputs: Sequence[Path], overwrite: bool,
+    progress: Progress, stop: Callable[[], bool],
+) -> None:  # fmt: skip
+    """The second half of `track` where there are answers: `base` becomes the output with them, and goes."""
+    try:
+        done = job.retrack(
+            base, report.output, seeds, source=source, checked=True, view_keeper=_view_keeper, inputs=inputs,
+            overwrite=overwrite, progress=progress, stop=stop,
+        )  # fmt: skip
+    except UsageError:
+        base.unlink(missing_ok=True)
+        raise
+    if done.stopped:
+        if done.part is not None:
+            done.part.unlink(missing_ok=True)
+        report.stopped, report.part = True, base
+        return
+    base.unlink(missing_ok=True)
+    for name, counts in done.statuses.items():
+        report.statuses[name].update(counts)
+        report.statuses[name] = +report.statuses[name]
+    report.requests = done.requests
+    report.notes += done.stretches
+    report.lost = list(dict.fromkeys(done.lost))
+
+
+def retrack(
+    recording: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    answers: Sequence[Answer],
+    *,
+    source: str | os.PathLike[str] | None = None,
+    inputs: Sequence[Path] = (),
+    overwrite: bool = False,
+    progress: Progress = lambda done, total: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> RetrackReport:
+    """Put a person's answers into a recording of `track`: what they change is tracked again, all else is copied.
+
+    `answers` are all that hold, those that are in the recording already too: what is not among them is taken back. The
+    circles that the recording began with need not be. What comes out has the same messages as `track` with all answers
+    at once. Where the pictures in the recording are not those of the input, the input is needed: beside the recording,
+    or as `source`. `inputs` are further files that the output must not be. `progress` gets the number of frames that
+    were tracked again. Raises SpheremcapError.
+    """
+    return job.retrack(
+        Path(recording), Path(output), answers, source=None if source is None else Path(source), checked=False,
+        view_keeper=_view_keeper, inputs=inputs, overwrite=overwrite, progress=progress, stop=stop,
+    )  # fmt: skip
+
+
+def stretch_of(
+    recording: str | os.PathLike[str],
+    answer: Seed,
+    *,
+    others: Sequence[Answer] = (),
+    source: str | os.PathLike[str] | None = None,
+    progress: Progress = lambda done, total: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Stretch:
+    """What `retrack` would make of one more circle, beside the answers that the recording has and `others`; nothing is
+    written. Where `stop` said so, the stretch ends there. Raises SpheremcapError.
+    """
+    done = 0
+
+    def go_on() -> bool:
+        nonlocal done
+        done += 1
+        progress(done, None)
+        return not stop()
+
+    where = None if source is None else Path(source)
+    return job.stretch_of(Path(recording), answer, others=others, source=where, view_keeper=_view_keeper, go_on=go_on)
 
 
 class _Camera:
     """One camera: its pictures go through its session, and what comes out into its part of the recording."""
 
-    def __init__(self, view: CameraView, settings: Settings, seeds: Sequence[Seed], folder: Path, run: RunInfo) -> None:
+    def __init__(
+        self, view: CameraView, settings: Settings, seeds: Sequence[Answer], folder: Path, run: RunInfo
+    ) -> None:
         source = view.source
         self._view, self._output = view, settings.output
+        begun = base_seeds(seeds)
         last = source.frame_count_hint
         for seed in seeds:
             if last is not None and seed.frame_index >= last:
@@ -286,14 +382,15 @@ class _Camera:
         beside = None if settings.camera.given else source.calibration
         camera, metric, camera_note = resolve_camera(
             settings.camera, source.width_px, source.height_px, folder, beside,
-            *aspect_of(source, [] if settings.camera.given or beside is not None else seeds),
+            *aspect_of(source, [] if settings.camera.given or beside is not None else begun),
         )  # fmt: skip
         self._encode, video_note = _picture_maker(settings, view)
         self._notes = [camera_note, video_note, *view.notes]
         self._specs = [m.spec() for m in settings.markers]
         try:
+            check_answers(seeds, [spec.name for spec in self._specs], camera.width_px, camera.height_px)
             self._session = Session(
-                camera, self._specs, seeds, settings.chain, settings.session,
+                camera, self._specs, begun, settings.chain, settings.session,
                 exposure_s=settings.camera.exposure_s, readout_s=settings.camera.readout_s,
                 metric=metric, keep_view=_view_keeper(settings),
             )  # fmt: skip
@@ -303,10 +400,13 @@ class _Camera:
         self._calibration = camera if writes_calibration else None
         pictures = _PICTURE_TOPICS.get(settings.output.video)
         self._topics = view.topics(pictures=pictures, calibration=writes_calibration)
-        more = {"image_topic": source.topic, "camera_note": camera_note}
+        more = {"image_topic": source.topic, "camera_note": camera_note, "name": view.name.strip("/")}
+        more |= {"camera": camera_fact(camera, metric)} | self._topics.facts()
+        more["image_time"] = source.time if isinstance(source, McapImageSource) else ""
+        more["rate"] = str(source.stated_rate) if isinstance(source, PictureFolder) else ""
         self._run = replace(
             run, time_source=source.time_source, video=video_note, settings_toml=settings.to_toml(),
-            seeds_toml=seeds_toml(list(seeds)), more={key: text for key, text in more.items() if text},
+            seeds_toml=seeds_toml(begun), more={key: text for key, text in more.items() if text},
         )  # fmt: skip
         self._statuses = {spec.name: Counter[Status]() for spec in self._specs}
         self._before: dict[str, Status] = {}
@@ -327,7 +427,7 @@ class _Camera:
         encode = self._encode or (lambda frame: None)
         waiting: deque[tuple[EncodedPicture | None, BgrImage | None]] = deque()
         overview_due = _Rate(self._output.debug_rate_hz)
-        step = max(1, round(source.width_px / 640))
+        step = overlays.overview_step(source.width_px)
         stopped = False
 
         def frames() -> Iterator[Frame]:
@@ -372,7 +472,9 @@ class _Camera:
         """Finish this camera's part, and put what it did into the report; `stamp_ns` is the last log time of all."""
         name = self._view.name.strip("/")
         place = f"{name}/" if name else ""
-        gone = [self._lost_marker(place, m) for m, status in self._before.items() if status is Status.LOST]
+        gone = [
+            lost_marker(place, m, self._measured.get(m)) for m, status in self._before.items() if status is Status.LOST
+        ]
         lost = [*self._view.lost(), *gone]
         for line in lost:
             self._log.log("WARNING", line, stamp_ns)
@@ -384,26 +486,14 @@ class _Camera:
         report.notes += [f"{name}: {note}" if name else note for note in self._notes]
         report.lost += gone
 
-    def _lost_marker(self, place: str, marker: str) -> str:
-        """What to look at, and what to give, for a marker that is lost at the end."""
-        last = self._measured.get(marker)
-        said = f"{place}{marker} is LOST at the end"
-        if last is None or last.circle is None:
-            return f"{said}: it was never found after its seed; look whether the seed is on it"
-        c, frame = last.circle, last.frame_index
-        return (
-            f"{said}, last seen on frame {frame} at {c.x_px:.0f},{c.y_px:.0f} with radius {c.r_px:.0f}: look where it "
-            f"comes back after that, and run again with --seed {place}{marker}@FRAME=X,Y,R for that frame as well"
-        )
-
 
 def _by_camera(
-    views: Sequence[CameraView], settings: Settings, seeds: Sequence[Seed]
-) -> list[tuple[CameraView, Settings, list[Seed]]]:
+    views: Sequence[CameraView], settings: Settings, seeds: Sequence[Answer]
+) -> list[tuple[CameraView, Settings, list[Answer]]]:
     """Each camera with its markers and seeds. With several, `front/left_wrist` is a marker of camera /front."""
     if len(views) == 1:
         return [(views[0], _with_seeded_markers(settings, seeds), list(seeds))]
-    own: dict[str, list[Seed]] = {view.name.strip("/"): [] for view in views}
+    own: dict[str, list[Answer]] = {view.name.strip("/"): [] for view in views}
     for seed in seeds:
         camera, _, marker = seed.marker.strip("/").rpartition("/")
         if camera not in own:
@@ -426,7 +516,7 @@ def _by_camera(
     return cameras
 
 
-def _with_seeded_markers(settings: Settings, seeds: Sequence[Seed]) -> Settings:
+def _with_seeded_markers(settings: Settings, seeds: Sequence[Answer]) -> Settings:
     """Settings that also list the markers only the seeds name."""
     known = [m.name for m in settings.markers]
     new = [name for name in dict.fromkeys(seed.marker for seed in seeds) if name not in known]
@@ -510,16 +600,3 @@ def _log_change(log: McapLog, estimate: MarkerEstimate, before: dict[str, Status
         log.log("INFO", f"{name} left the picture at {at}", estimate.stamp_ns)
     elif was in (Status.LOST, Status.OUT_OF_VIEW):
         log.log("INFO", f"{name} found again at {at}", estimate.stamp_ns)
-
-
-def _fingerprint(path: Path) -> tuple[int, str]:
-    """Size in bytes and SHA-256 of a file, or of a folder's files one after another, by name."""
-    if path.is_dir():
-        whole, size = hashlib.sha256(), 0
-        for file_path in sorted(p for p in path.iterdir() if p.is_file()):
-            with file_path.open("rb") as file:
-                whole.update(hashlib.file_digest(file, "sha256").digest())
-            size += file_path.stat().st_size
-        return size, whole.hexdigest()
-    with path.open("rb") as file:
-        return path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()

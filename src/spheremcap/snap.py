@@ -13,7 +13,7 @@ from spheremcap.core.frame import Frame, Patch, Window
 from spheremcap.core.marker import MarkerSpec, Seed
 from spheremcap.detection.appearance import contrast
 from spheremcap.detection.colour import box_mask
-from spheremcap.session import check_seeds
+from spheremcap.session import check_answers
 
 _AROUND = 3.0  # radii that the mask's window reaches from the circle's centre
 
@@ -58,7 +58,7 @@ def snapped(
     readout_s: float | None = None,
 ) -> Snap:
     """The circle as a chain that is seeded with it has it. Raises UsageError for one outside the picture."""
-    check_seeds([Seed(spec.name, frame.index, circle)], [spec.name], frame.width_px, frame.height_px)
+    check_answers([Seed(spec.name, frame.index, circle)], [spec.name], frame.width_px, frame.height_px)
     marker = MarkerChain(spec, camera, chain, exposure_s, metric, readout_s)
     seeded = marker.seed(frame, circle)
     assert seeded.circle is not None

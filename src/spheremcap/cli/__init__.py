@@ -10,7 +10,7 @@ import traceback
 import typer
 
 from spheremcap import __version__
-from spheremcap.cli import config, evaluate, experiment, export, info, merge, recover, sync, synth, track, tune
+from spheremcap.cli import config, evaluate, experiment, export, info, merge, recover, retrack, sync, synth, track, tune
 from spheremcap.errors import SpheremcapError, UsageError, short
 from spheremcap.interrupt import Interrupted
 
@@ -48,7 +48,7 @@ def _root(
 
 
 for verb in (
-    track.track, merge.merge, recover.recover, sync.sync, info.info, export.export,
+    track.track, retrack.retrack, merge.merge, recover.recover, sync.sync, info.info, export.export,
     evaluate.evaluate, experiment.experiment, synth.synth,
 ):  # fmt: skip
     app.command(help=_paragraphs(verb.__doc__ or ""))(verb)

@@ -14,7 +14,7 @@ from spheremcap.errors import UsageError, short
 from spheremcap.interrupt import Interrupt
 
 if TYPE_CHECKING:
-    from spheremcap.core.marker import Seed
+    from spheremcap.core.marker import Answer, Seed
 
 _MCAP = "MCAP input"
 _NO_TIME = "is neither ISO 8601 such as 2025-06-01T10:00:00Z nor Unix seconds"
@@ -31,7 +31,9 @@ def track(
     ] = None,
     seeds: Annotated[
         Path | None,
-        typer.Option("--seeds", help="TOML with the seeds: marker, frame, x_px, y_px, r_px of each."),
+        typer.Option(
+            "--seeds", help="TOML with the seeds: marker, frame, x_px, y_px, r_px of each; and other answers."
+        ),
     ] = None,
     seed: Annotated[
         list[str] | None, typer.Option("--seed", help="MARKER@FRAME=X,Y,R in pixels; as often as needed.")
@@ -97,12 +99,15 @@ def track(
 ) -> None:
     """Track markers through a video and write every circle, pose and vote into an MCAP.
 
+    A marker's first seed is where its track begins. Each later one corrects it: when all is tracked, the marker is
+    followed from there both ways in time until it meets the track, as `spheremcap retrack` does it afterwards.
+
     Without a settings file the seeds name the markers and each is taken for 4 cm across, unless --diameter says
     otherwise. A folder's pictures are taken in the order of their numbers. An MCAP goes into the
     output as it is, with our channels beside its pictures.
     """
     from spheremcap import api
-    from spheremcap.config import Settings, load_seeds, load_settings, with_camera, with_diameter
+    from spheremcap.config import Settings, load_settings, with_camera, with_diameter
     from spheremcap.io.sources import FromMcap
 
     loaded()
@@ -112,8 +117,7 @@ def track(
     told = {"video": video, "debug_images": debug_images}
     changes = {key: value for key, value in told.items() if value is not None}
     chosen = chosen.model_copy(update={"output": chosen.output.model_copy(update=changes)})
-    given = load_seeds(seeds) if seeds is not None else []
-    given += [_seed(text) for text in seed or []]
+    given = answers_of(seeds, seed)
     if diameter is not None:
         chosen = with_diameter(chosen, given, diameter)
     mcap = None
@@ -149,6 +153,13 @@ def track(
     print(f"{report.frames} frames -> {output}")
     if not report.complete:
         raise typer.Exit(3)
+
+
+def answers_of(seeds: Path | None, texts: list[str] | None) -> "list[Answer]":
+    """What a person said, in a file and on the command line."""
+    from spheremcap.config import load_seeds
+
+    return [*(load_seeds(seeds) if seeds is not None else []), *(_seed(text) for text in texts or [])]
 
 
 def _time_ns(flag: str, text: str | None) -> int | None:

@@ -45,6 +45,11 @@ def stage_picture(view: StageView, estimate: MarkerEstimate | None) -> EncodedPi
     return _jpeg(draw_stages(view, estimate))
 
 
+def overview_step(width_px: int) -> int:
+    """Every how many pixels a whole frame of this width is sampled for its overview."""
+    return max(1, round(width_px / 640))
+
+
 def overview_picture(image: BgrImage, step: int, estimates: Iterable[MarkerEstimate]) -> EncodedPicture:
     """A whole frame, sampled every `step`-th pixel from step // 2, with all circles and names burnt in."""
     canvas = image.copy()
