@@ -28,7 +28,7 @@ from spheremcap.detection.hues import name_of
 from spheremcap.detection.outline import Outline
 from spheremcap.detection.spots import Spot, described, reduced, spots
 
-_EVERY_S = 0.5  # between two looks
+_EVERY_S = 0.4  # between two looks
 _FOLLOWED_S, _FOLLOWED_FRAMES = 0.04, 4  # that a spot is followed after a look, at least
 _MOST_SPOTS, _MOST_FOLLOWED = 16, 10  # at one look
 _LEAST_CLEAR, _LEAST_VISIBLE = 0.1, 0.35  # of what is worth being followed
@@ -267,12 +267,12 @@ def _reason(sights: Sequence[_Sight], looks: int, colour: str) -> str:
 
     moved, carried = middle(s.moved_radii for s in sights), middle(s.carried_px for s in sights)
     if moved >= _RESTS_RADII:
-        way = f"moves against the background, {moved:.1f} radii while followed"
+        way = f"moves against the background by {moved:.1f} radii while it is followed"
     else:
         way = "moves with the background" if carried > 1 else "at rest"
     return (
-        f"a round outline, {middle(s.visible for s in sights):.0%} of it seen; {colour}, "
-        f"{middle(s.spot.contrast for s in sights):.0f} off what is around it (L*a*b*), "
-        f"{middle(s.alone for s in sights):.0%} of what has its colours in the picture; "
+        f"round, {middle(s.visible for s in sights):.0%} of the outline seen; {colour}, with a colour difference of "
+        f"{middle(s.spot.contrast for s in sights):.0f} to what is around it and {middle(s.alone for s in sights):.0%} "
+        f"of all that has its colours in the picture; "
         f"seen at {len(sights)} of {looks} look{'s' * (looks != 1)}; {way}"
     )
