@@ -6,6 +6,7 @@ past. Forwards it goes on until it meets the base, the marker's next circle or t
 session sees the frames in falling order, a film run in reverse: times are mirrored at the circle, so they still rise;
 velocities and the shutter's readout change their sign. It ends where it meets the track, at the marker's circle before,
 where a person says that the marker is hidden, and where it is lost: what is on the other side of that is another story.
+So is what it finds where it did not expect it, unless it meets the track there.
 
 Inside a stretch all estimates are its own, for one chain's estimates belong together. What a stretch says depends on
 base, frames, settings and answers alone, so tracking with all answers at once and answering one after another end in
@@ -31,6 +32,7 @@ BACKWARDS = "backwards"
 """The reason of an estimate that was made from an answer backwards in time."""
 _MEETS_DICE = 0.8  # overlap from which two measured circles are one and the same
 _MEETS_FRAMES = 5  # frames in a row on which they have to be
+_ELSEWHERE = "acquire"  # who proposes what was not found where it was expected
 _ASTRAY = 1 / 3  # overlap of a person's circle with another marker's from which that one is believed to be astray
 _IN_MEMORY_BYTES = 8 << 20
 
@@ -214,7 +216,7 @@ class _Way:
 
         def frames() -> Iterator[Frame]:
             for index in range(start, last + 1):
-                if not self._go_on():
+                if index != start and not self._go_on():
                     return
                 frame = self._frame_at(index)
                 if frame is None:
@@ -249,7 +251,7 @@ class _Way:
                 if any(index in hidden for hidden in self._corrected.hidden):
                     stretch.before = f"hidden on frame {index}"
                     return
-                if not self._go_on():
+                if index != start and not self._go_on():
                     return
                 frame = self._frame_at(index)
                 if frame is None:
@@ -266,15 +268,18 @@ class _Way:
                     stretch.before = f"lost on frame {index}"
                     return
 
-        found: list[int] = []
+        believed, astray, found = start, False, list[int]()
         for result in session.run(frames()):
             if result.frame_index < start:
                 stretch.add(_in_reverse(result, stretch.answer, twice_ns))
                 found.append(result.frame_index)
+                measured, proposer = result.estimates[0].status.measured, result.estimates[0].proposer
+                astray = astray or (measured and proposer == _ELSEWHERE)
+                believed = result.frame_index if measured and not astray else believed
         if meeting.agreed:
             stretch.leave(meeting.frames)
-        measured = min((i for i in found if i in stretch and stretch.estimate(i).status.measured), default=start)
-        stretch.leave([i for i in found if i < measured])
+        else:
+            stretch.leave([index for index in found if index < believed])
 
     def _session(self, answer: Seed, hidden: Sequence[Hidden], readout_s: float | None) -> Session:
         terms = self._terms

@@ -74,9 +74,10 @@ def schema_id(sink: SchemaSink, message_class: Message) -> int:
     return ids[name]
 
 
-def run_id(version: str, input_sha256: str, settings_toml: str, seeds_toml: str) -> str:
-    """Twelve hex digits that stand for all that decides what is in a recording; without a hash, the input's name."""
-    parts = (version, input_sha256, settings_toml, seeds_toml)
+def run_id(version: str, input_sha256: str, settings_toml: str, seeds_toml: str, name: str = "") -> str:
+    """Twelve hex digits that stand for all that decides what is in a recording. Without a hash the input's name counts;
+    `name` is the camera's where there are several."""
+    parts = (version, input_sha256, settings_toml, seeds_toml, *([name] if name else []))
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:12]
 
 
@@ -100,8 +101,9 @@ class RunInfo:
 
     @property
     def id(self) -> str:
-        """Twelve hex digits that stand for input, settings, seeds and version together."""
-        return run_id(VERSION, self.input_sha256 or self.input_name, self.settings_toml, self.seeds_toml)
+        """Twelve hex digits that stand for input, settings, seeds, version and camera together."""
+        name = self.more.get("name", "")
+        return run_id(VERSION, self.input_sha256 or self.input_name, self.settings_toml, self.seeds_toml, name)
 
     def lines(self) -> dict[str, str]:
         """The metadata record's own lines; what is not known is left out."""
