@@ -114,7 +114,8 @@ def in_browser(url: str, last: int) -> None:
         browser = driver.chromium.launch(executable_path=find_chromium(), args=FLAGS)
         hand = Hand(browser.new_context(viewport={"width": 1440, "height": 900}).new_page()).open(url)
         page = hand.page
-        shown = """(act) => new Promise(done => { const caption = document.getElementById('caption'), begun = performance.now();
+        shown = """(act) => new Promise(done => {
+            const caption = document.getElementById('caption'), begun = performance.now();
             new MutationObserver((_, o) => { o.disconnect(); done(performance.now() - begun); })
                 .observe(caption, {childList: true, characterData: true, subtree: true}); %s })"""
         goto = (
@@ -171,9 +172,8 @@ def main() -> None:
     opened = time.perf_counter() - begun
     viewer = Viewer(server.url)
     first = viewer.look(0, exact=True)
-    print(
-        f"{LONG} frames, {long.stat().st_size / 1e9:.1f} GB: the address after {opened:.2f} s, the first picture {first:.0f} ms later"
-    )
+    size = f"{LONG} frames, {long.stat().st_size / 1e9:.1f} GB"
+    print(f"{size}: the address after {opened:.2f} s, the first picture {first:.0f} ms later")
     looks(lambda frame, exact: viewer.look(frame, exact=exact), lambda: time.sleep(0.3), "long", LONG)
     server.end()
 
