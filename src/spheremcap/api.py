@@ -17,9 +17,10 @@ from pydantic import ValidationError
 
 from spheremcap.config import CameraSettings, MarkerSettings, Settings, seeds_toml
 from spheremcap.core.camera import Camera
+from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import FrameResult, MarkerEstimate, Status
 from spheremcap.core.frame import BgrImage, EncodedPicture, Frame
-from spheremcap.core.marker import Answer, Seed
+from spheremcap.core.marker import Answer, MarkerSpec, Seed
 from spheremcap.core.presets import PRESETS, assumed_camera
 from spheremcap.core.time import NS_PER_S, format_time
 from spheremcap.corrections import job
@@ -43,12 +44,14 @@ from spheremcap.io.sources import CameraView, FromMcap, fingerprint, open_input
 from spheremcap.io.video import VideoSource
 from spheremcap.merging.dataset import Dataset, Source, merge
 from spheremcap.session import Session, check_answers
+from spheremcap.snap import Snap, snapped
 from spheremcap.stretch import Stretch, base_seeds
 
 __all__ = [
     "Dataset",
     "Recording",
     "RetrackReport",
+    "Snap",
     "Source",
     "Stretch",
     "TrackReport",
@@ -56,6 +59,7 @@ __all__ = [
     "open",
     "resolve_camera",
     "retrack",
+    "snap",
     "stretch_of",
     "track",
 ]
@@ -168,6 +172,21 @@ def aspect_of(source: FrameSource, answers: Sequence[Answer]) -> tuple[float, st
                     "if the marker is no sphere, give --camera"
                 )
     return 1.0, ""
+
+
+def snap(
+    frame: Frame, circle: Circle, settings: Settings, camera: Camera | None = None, *, diameter_m: float = 0.04
+) -> Snap:
+    """A person's circle (pixels) as the chain would start from it, and what it learns there; nothing is kept.
+
+    `camera` is the one for these pictures (see `resolve_camera`): without one there are no metres. Raises UsageError
+    for a circle that is not in the picture.
+    """
+    assumed = assumed_camera(frame.width_px, frame.height_px)
+    return snapped(
+        frame, circle, MarkerSpec("marker", diameter_m), camera or assumed, settings.chain,
+        metric=camera is not None, exposure_s=settings.camera.exposure_s, readout_s=settings.camera.readout_s,
+    )  # fmt: skip
 
 
 def track(

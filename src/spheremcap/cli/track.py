@@ -132,7 +132,7 @@ def track(
             source, output, chosen, given,
             folder=settings.parent if settings is not None else Path(),
             inputs=[path for path in (settings, seeds) if path is not None],
-            overwrite=overwrite, start_time_ns=_time_ns("--start-time", start_time), rate=_rate(rate),
+            overwrite=overwrite, start_time_ns=_time_ns("--start-time", start_time), rate=rate_of(rate),
             mcap=mcap,
             progress=lambda done, total: shown.update(task, completed=done, total=total),
             stop=interrupted,
@@ -174,7 +174,7 @@ def _time_ns(flag: str, text: str | None) -> int | None:
     return stamp_ns
 
 
-def _rate(text: str | None) -> Fraction | None:
+def rate_of(text: str | None) -> Fraction | None:
     if text is None:
         return None
     try:
