@@ -5,12 +5,13 @@ recordings and sensor files, open what came out. Wires io to the session.
 import heapq
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from copy import copy
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -31,6 +32,7 @@ from spheremcap.corrections.run import camera_fact
 from spheremcap.corrections.told import lost_marker
 from spheremcap.detection.aspect import pixel_aspect
 from spheremcap.errors import UsageError
+from spheremcap.found import Found, assign
 from spheremcap.io import overlays
 from spheremcap.io.ahead import ahead, in_order
 from spheremcap.io.calibration import read_camera_info
@@ -46,6 +48,8 @@ from spheremcap.io.source import Source as FrameSource
 from spheremcap.io.sources import CameraView, FromMcap, fingerprint, open_input
 from spheremcap.io.video import VideoSource
 from spheremcap.merging.dataset import Dataset, Source, merge
+from spheremcap.proposals import Proposal
+from spheremcap.proposals import propose as proposed_on
 from spheremcap.session import Session, check_answers
 from spheremcap.snap import Snap, snapped
 from spheremcap.stretch import Stretch, Terms, base_seeds
@@ -53,15 +57,19 @@ from spheremcap.stretch import Stretch, Terms, base_seeds
 __all__ = [
     "Asked",
     "Dataset",
+    "Found",
     "Operator",
+    "Proposal",
     "Recording",
     "RetrackReport",
     "Snap",
     "Source",
     "Stretch",
     "TrackReport",
+    "find",
     "merge",
     "open",
+    "propose",
     "resolve_camera",
     "retrack",
     "snap",
@@ -194,6 +202,73 @@ def snap(
     )  # fmt: skip
 
 
+def propose(frames: Iterable[Frame], settings: Settings, camera: Camera | None = None) -> list[Proposal]:
+    """What may be a coloured marker on frames in a row, such as those of a video's first seconds: the likeliest first.
+
+    `camera` as for `snap`. The frames are gone through once, one at a time; of a single one nothing is known of how
+    things move on it.
+    """
+    given = iter(frames)
+    first = next(given, None)
+    if first is None:
+        return []
+    chosen = camera or assumed_camera(first.width_px, first.height_px)
+    return proposed_on(chain([first], given), chosen, settings.chain)
+
+
+def find(
+    source_path: str | os.PathLike[str],
+    settings: Settings,
+    answers: Sequence[Answer] = (),
+    *,
+    folder: Path = Path(),
+    start_time_ns: int | None = None,
+    rate: Fraction | None = None,
+    mcap: FromMcap | None = None,
+    progress: Progress = lambda done, total: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Found:
+    """Look for the markers that no answer seeds in the first `settings.auto.seconds`: those that the settings list, by
+    the colours that these give them; all coloured spheres where they list none.
+
+    Its seeds and settings are for `track`, which is told of it as `found`. What is `unclear` has to be seeded by a
+    person first. The other parameters are those of `track`; where `stop` says so, what was seen until then counts.
+    Raises SpheremcapError, UsageError also where nothing was found.
+    """
+    if answers and not settings.markers:
+        raise UsageError(
+            "--auto beside seeds: which markers are still to be found? List all in a settings file, with their colours"
+        )
+    path, seconds = Path(source_path), settings.auto.seconds
+    with open_input(path, mcap, start_time_ns=start_time_ns, rate=rate, packets=False) as given:
+        if len(given.views) > 1:
+            topics = ", ".join(view.source.topic for view in given.views)
+            raise UsageError(f"{path}: --auto looks at one camera, here are {topics}: choose one with --topic, or seed")
+        source = given.views[0].source
+        beside = None if settings.camera.given else source.calibration
+        camera, _, _ = resolve_camera(
+            settings.camera, source.width_px, source.height_px, folder, beside, source.pixel_aspect
+        )
+        shown: list[int] = []
+
+        def frames() -> Iterator[Frame]:
+            end_ns: int | None = None
+            for frame in source.frames():
+                end_ns = frame.stamp_ns + round(seconds * NS_PER_S) if end_ns is None else end_ns
+                if frame.stamp_ns >= end_ns or stop():
+                    return
+                shown.append(frame.index)
+                progress(len(shown), None)
+                yield frame
+
+        proposals = propose(frames(), settings, camera)
+    where = f"in the first {seconds:g} s (frames {shown[0]} to {shown[-1]})" if shown else "as there are no frames"
+    try:
+        return assign(proposals, settings, answers, where)
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from error
+
+
 def track(
     source_path: str | os.PathLike[str],
     output: str | os.PathLike[str],
@@ -207,6 +282,7 @@ def track(
     rate: Fraction | None = None,
     mcap: FromMcap | None = None,
     operator: Operator | None = None,
+    found: Found | None = None,
     progress: Progress = lambda done, total: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> TrackReport:
@@ -218,8 +294,9 @@ def track(
     camera's topic: `front/left_wrist` is on /front/image. `folder` is where relative paths in the settings start,
     `inputs` the files that settings and seeds came from: the output must be none of them. `start_time_ns` is for videos
     and folders of pictures, `rate` (pictures a second) for folders, `mcap` for recordings. `operator` is asked at each
-    request, and tracking waits for it; without one, requests are only written. `stop` is asked before every frame and
-    ends the recording there, readable under OUT.part. Raises SpheremcapError.
+    request, and tracking waits for it; without one, requests are only written. `found` is where seeds came from that
+    nobody gave (`find`): its words go into the recording. `stop` is asked before every frame and ends the recording
+    there, readable under OUT.part. Raises SpheremcapError.
     """
     path, out = Path(source_path), Path(output)
     given_files = [path, *inputs] + ([folder / settings.camera.file] if settings.camera.file is not None else [])
@@ -228,7 +305,7 @@ def track(
     with open_input(path, mcap, start_time_ns=start_time_ns, rate=rate, packets=packets) as given:
         report = TrackReport(out)
         shared = RunInfo(path.name, *fingerprint(path))
-        cameras = [_Camera(*one, folder, shared) for one in _by_camera(given.views, settings, seeds)]
+        cameras = [_Camera(*one, folder, shared, found) for one in _by_camera(given.views, settings, seeds)]
         hints = [view.source.frame_count_hint for view in given.views]
         done, expected = 0, sum(hint or 0 for hint in hints) if all(hints) else None
 
@@ -352,7 +429,13 @@ class _Camera:
     """One camera: its pictures go through its session, and what comes out into its part of the recording."""
 
     def __init__(
-        self, view: CameraView, settings: Settings, seeds: Sequence[Answer], folder: Path, run: RunInfo
+        self,
+        view: CameraView,
+        settings: Settings,
+        seeds: Sequence[Answer],
+        folder: Path,
+        run: RunInfo,
+        found: Found | None,
     ) -> None:
         source = view.source
         self._view, self._output = view, settings.output
@@ -378,7 +461,8 @@ class _Camera:
             *aspect_of(source, [] if settings.camera.given or beside is not None else begun),
         )  # fmt: skip
         self._encode, video_note = _picture_maker(settings, view)
-        self._notes = [camera_note, video_note, *view.notes]
+        self._notes = [camera_note, video_note, *view.notes, *(found.told if found is not None else ())]
+        self._missing = list(found.missing) if found is not None else []
         self._specs = [m.spec() for m in settings.markers]
         try:
             check_answers(seeds, [spec.name for spec in self._specs], camera.width_px, camera.height_px)
@@ -398,6 +482,7 @@ class _Camera:
         more |= {"camera": camera_fact(camera, metric)} | self._topics.facts()
         more["image_time"] = source.time if isinstance(source, McapImageSource) else ""
         more["rate"] = str(source.stated_rate) if isinstance(source, PictureFolder) else ""
+        more["auto"] = "" if found is None else " | ".join((*found.told, *found.missing))
         self._run = replace(
             run, time_source=source.time_source, video=video_note, settings_toml=settings.to_toml(),
             seeds_toml=seeds_toml(begun), more={key: text for key, text in more.items() if text},
@@ -520,7 +605,7 @@ class _Camera:
         gone = [
             lost_marker(place, m, self._measured.get(m)) for m, status in self._before.items() if status is Status.LOST
         ]
-        lost = [*self._view.lost(), *gone]
+        lost = [*self._view.lost(), *self._missing, *gone]
         for line in lost:
             self._log.log("WARNING", line, stamp_ns)
         outcome = {"frames": str(self._frames), "lost": "; ".join(lost)}
@@ -529,7 +614,7 @@ class _Camera:
         report.requests += self._requests
         report.statuses |= {place + marker: counts for marker, counts in self._statuses.items()}
         report.notes += [f"{name}: {note}" if name else note for note in self._notes]
-        report.lost += gone
+        report.lost += self._missing + gone
 
 
 def _by_camera(

@@ -12,6 +12,8 @@ from spheremcap.chain import ChainConfig
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Answer, Hidden, Keep, MarkerSpec, Seed
 from spheremcap.core.stage import StageConfig
+from spheremcap.detection.colour import HUES
+from spheremcap.detection.hues import GREYS, HUES_MEANT
 from spheremcap.errors import SettingsError, short
 from spheremcap.io.toml_file import first_problem, read_toml
 from spheremcap.session import SessionConfig
@@ -68,6 +70,11 @@ class MarkerSettings(StageConfig):
 
     name: str = Field(pattern=r"^[A-Za-z0-9_]+$", max_length=100, description="letters, digits, underscores")
     diameter_m: float = Field(0.04, gt=0, description='true diameter in metres (or `diameter = "4 cm"`)')
+    colour: str | tuple[float, float] | None = Field(
+        None,
+        description=f"what `track --auto` looks for: {', '.join((*HUES_MEANT, *GREYS))}; or a first and a last hue, "
+        "0..180 in steps of 2 degrees, as in [170, 10]",
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -86,6 +93,18 @@ class MarkerSettings(StageConfig):
             raise ValueError(f"{diameter_m:g} m is no marker's size (1 mm to 1 m){unit}")
         return diameter_m
 
+    @field_validator("colour")
+    @classmethod
+    def _a_colour(cls, colour: str | tuple[float, float] | None) -> str | tuple[float, float] | None:
+        names = (*HUES_MEANT, *GREYS)
+        if isinstance(colour, str) and colour not in names:
+            raise ValueError(f"{short(colour)} is no colour that is known: {', '.join(names)}, or a range of hues")
+        if isinstance(colour, tuple) and not all(0 <= hue <= HUES for hue in colour):
+            raise ValueError(
+                f"hues {list(colour)} are not all between 0 and {HUES}: steps of 2 degrees, so green is 60"
+            )
+        return colour
+
     def spec(self) -> MarkerSpec:
         return MarkerSpec(self.name, self.diameter_m)
 
@@ -96,6 +115,12 @@ def length_m(text: Any) -> float:
     if not found:
         raise ValueError(f'diameter {short(text)} is not a length such as "4 cm"')
     return float(found[1]) * _UNIT_M[found[2]]
+
+
+class AutoSettings(StageConfig):
+    """How `track --auto` looks for markers that nobody seeded."""
+
+    seconds: float = Field(3.0, gt=0, le=60, description="seconds from the start in which markers are looked for")
 
 
 class OutputSettings(StageConfig):
@@ -116,6 +141,7 @@ class Settings(StageConfig):
     markers: tuple[MarkerSettings, ...] = ()
     chain: ChainConfig = ChainConfig()
     session: SessionConfig = SessionConfig()
+    auto: AutoSettings = AutoSettings()
     output: OutputSettings = OutputSettings()
 
     @field_validator("markers")
@@ -135,7 +161,7 @@ class Settings(StageConfig):
 
 def marker_toml(marker: MarkerSettings) -> str:
     """A marker's table."""
-    return "[[markers]]\n" + tomli_w.dumps(marker.model_dump())
+    return "[[markers]]\n" + tomli_w.dumps(marker.model_dump(exclude_none=True))
 
 
 def load_settings(path: Path) -> Settings:

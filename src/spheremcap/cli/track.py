@@ -13,14 +13,16 @@ import typer
 from spheremcap.cli.progress import bar, loaded, stopped
 from spheremcap.core.time import parse_time_ns
 from spheremcap.errors import UsageError, short
-from spheremcap.interrupt import Interrupt
+from spheremcap.interrupt import Interrupt, Interrupted
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
     from spheremcap.core.marker import Answer, Seed
+    from spheremcap.found import Found
     from spheremcap.operator.answers import AnswerFile
     from spheremcap.operator.terminal import Terminal
+    from spheremcap.proposals import Proposal
 
 _MCAP = "MCAP input"
 _NO_TIME = "is neither ISO 8601 such as 2025-06-01T10:00:00Z nor Unix seconds"
@@ -44,6 +46,14 @@ def track(
     seed: Annotated[
         list[str] | None, typer.Option("--seed", help="MARKER@FRAME=X,Y,R in pixels; as often as needed.")
     ] = None,
+    auto: Annotated[
+        bool,
+        typer.Option(
+            "--auto",
+            help="Look in the first seconds for the markers that no seed names: by the colours in the settings, or all "
+            "coloured spheres.",
+        ),
+    ] = False,
     diameter: Annotated[
         str | None,
         typer.Option("--diameter", help="True diameter of the markers that only seeds name. (by default 4 cm)"),
@@ -112,12 +122,16 @@ def track(
     A marker's first seed is where its track begins. Each later one corrects it: when all is tracked, the marker is
     followed from there both ways in time until it meets the track, as `spheremcap retrack` does it afterwards.
 
+    With --auto nobody has to seed: what was taken for which marker, why, and what was left is said and stands in the
+    recording. What cannot be told apart is listed as seeds to choose from.
+
     Without a settings file the seeds name the markers and each is taken for 4 cm across, unless --diameter says
     otherwise. A folder's pictures are taken in the order of their numbers. An MCAP goes into the
     output as it is, with our channels beside its pictures.
     """
     from spheremcap import api
     from spheremcap.config import Settings, load_settings, with_camera, with_diameter
+    from spheremcap.io.output import checked_output
     from spheremcap.io.sources import FromMcap
 
     loaded()
@@ -128,24 +142,40 @@ def track(
     changes = {key: value for key, value in told.items() if value is not None}
     chosen = chosen.model_copy(update={"output": chosen.output.model_copy(update=changes)})
     given = answers_of(seeds, seed)
-    if diameter is not None:
-        chosen = with_diameter(chosen, given, diameter)
-    asked = _seeds_file(seeds, output, given) if operator != "none" else None
     mcap = None
     if any(flag is not None for flag in (topic, time, start, end, copy)):
         mcap = FromMcap(
             tuple(topic or ()), time or "header",
             _time_ns("--start", start), _time_ns("--end", end), copy or "all",
         )  # fmt: skip
+    folder, inputs = (
+        settings.parent if settings is not None else Path(),
+        [p for p in (settings, seeds) if p is not None],
+    )
+    start_ns, hertz = _time_ns("--start-time", start_time), rate_of(rate)
     with Interrupt() as interrupted, bar() as shown:
+        found = None
+        if auto:
+            checked_output(output, [source, *inputs], overwrite=overwrite)
+            task = shown.add_task("looking for markers", total=None)
+            found = api.find(
+                source, chosen, given, folder=folder, start_time_ns=start_ns, rate=hertz, mcap=mcap,
+                progress=lambda done, total: shown.update(task, completed=done, total=total), stop=interrupted,
+            )  # fmt: skip
+            shown.remove_task(task)
+            if interrupted():
+                raise Interrupted("interrupted while looking for markers; nothing was written")
+            _clear(found)
+            chosen, given = found.settings, [*given, *found.seeds]
+        if diameter is not None:
+            chosen = with_diameter(chosen, given, diameter)
         task = shown.add_task("tracking", total=None)
+        asked = _seeds_file(seeds, output, given) if operator != "none" else None
         person = None if asked is None else _terminal(asked, output, shown, interrupted)
         report = api.track(
             source, output, chosen, given,
-            folder=settings.parent if settings is not None else Path(),
-            inputs=[path for path in (settings, seeds, asked.path if asked else None) if path is not None],
-            overwrite=overwrite, start_time_ns=_time_ns("--start-time", start_time), rate=rate_of(rate),
-            mcap=mcap, operator=person,
+            folder=folder, inputs=[*inputs, *([asked.path] if asked else [])], overwrite=overwrite,
+            start_time_ns=start_ns, rate=hertz, mcap=mcap, found=found, operator=person,
             progress=lambda done, total: shown.update(task, completed=done, total=total),
             stop=interrupted,
         )  # fmt: skip
@@ -167,6 +197,23 @@ def track(
         raise typer.Exit(3)
 
 
+def _clear(found: "Found") -> None:
+    """Prints the seeds to choose from where several things may be a marker. Raises UsageError there."""
+    from spheremcap.found import as_seed
+
+    alike: dict[tuple[Proposal, ...], list[str]] = {}
+    for name, rivals in found.unclear:
+        alike.setdefault(rivals, []).append(name)
+    for rivals, names in alike.items():
+        if len(names) > 1:
+            print(f"# NAME is one of {', '.join(names)}")
+        for rival in rivals:
+            print(f"--seed {as_seed(names[0] if len(names) == 1 else 'NAME', rival)}  # {rival.reason}")
+    if found.unclear:
+        told = ", ".join(name for name, _ in found.unclear)
+        raise UsageError(f"--auto cannot tell which is {told}: add one of the listed seeds for each to the command")
+
+
 def answers_of(seeds: Path | None, texts: list[str] | None) -> "list[Answer]":
     """What a person said, in a file and on the command line."""
     from spheremcap.config import load_seeds
@@ -175,14 +222,14 @@ def answers_of(seeds: Path | None, texts: list[str] | None) -> "list[Answer]":
 
 
 def _seeds_file(seeds: Path | None, output: Path, given: "list[Answer]") -> "AnswerFile":
-    """Where answers are written while a run goes on, with all that was given before."""
+    """Where answers are written while a run goes on, behind all that was given before."""
     from spheremcap.operator.answers import AnswerFile
 
     path = seeds or output.with_suffix(".seeds.toml")
     if seeds is None and path.exists():
         raise UsageError(f"{path} exists already: give it as --seeds, or move it away")
-    answers = AnswerFile(path)
-    for answer in given:
+    answers = AnswerFile(path, given)
+    for answer in given:  # those that are not in the file yet
         if answer not in answers.answers():
             answers.put(answer)
     return answers

@@ -2,7 +2,7 @@
 
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from fractions import Fraction
@@ -17,6 +17,7 @@ from spheremcap.core.marker import Answer, Hidden, Keep, Seed
 from spheremcap.core.presets import PRESETS
 from spheremcap.core.time import NS_PER_S, format_time
 from spheremcap.errors import UsageError
+from spheremcap.io.pictures import Pictures
 from spheremcap.io.sources import FromMcap
 from spheremcap.operator.answers import kind_of
 from spheremcap.operator.desk import Desk
@@ -24,6 +25,7 @@ from spheremcap.operator.lanes import CODES, State, state_of
 from spheremcap.operator.opened import Opened, Request
 from spheremcap.operator.words import MEANING, asked, failed
 from spheremcap.operator.work import Work
+from spheremcap.proposals import Proposal
 
 _MOST_STATES = 1000  # frames of which the states are given at once
 _HIDDEN = State(Status.OUT_OF_VIEW.value, None, None, None, ("hidden",))
@@ -54,7 +56,7 @@ class Page:
         """Grows with everything that is new."""
         self._changing = threading.Lock()
         self._closing = threading.Event()
-        self._proposals: tuple[api.Proposal, ...] = ()
+        self._proposals: tuple[Proposal, ...] = ()
         self.written: Path | None = None
         """What was tracked last and is not open."""
         self._open(opened)
@@ -398,11 +400,21 @@ class Page:
         """Look for coloured spheres in the first seconds; they are `proposed` when the job has ended."""
         opened = self.opened
 
+        def first_seconds(pictures: Pictures, work: Work) -> Iterator[Frame]:
+            until_ns = pictures.stamp_ns(pictures.first_index) + round(opened.settings.auto.seconds * NS_PER_S)
+            last = pictures.index_at(until_ns)
+            for index in range(pictures.first_index, last + 1):
+                work.progress(index - pictures.first_index, last + 1 - pictures.first_index)
+                frame = None if work.stopping() else pictures.frame(index)
+                if frame is not None:
+                    yield frame
+
         def run(work: Work) -> str:
             self._proposals = ()
             with opened.open_again() as own:
-                frames = (own.frame(i) for i in range(own.first_index, own.count))
-                self._proposals = tuple(api.propose((f for f in frames if f is not None), opened.settings))
+                camera, metric, _ = opened.camera()
+                found = api.propose(first_seconds(own, work), opened.settings, camera if metric else None)
+            self._proposals = tuple(found)
             count = len(self._proposals)
             return f"{count} proposed" if count else "no coloured sphere was found"
 

@@ -383,7 +383,7 @@ async function addMarker() {
   }
   S.session = s; S.marker = name;
   if (was && was !== name) takeAnswers(await get("/answers"));
-  markers(); overlays();
+  markers(); overlays(); remember();
   saved("done", `Saved in ${s.settings_file}`);
   return true;
 }
