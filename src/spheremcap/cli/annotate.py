@@ -57,7 +57,7 @@ def annotate(
     if allow_remote in ("0.0.0.0", "::", ""):
         raise UsageError("--allow-remote: name the one address that others are to use, not all of them")
     opened = Opened(source, seeds=seeds, settings=settings, topic=topic, rate=rate_of(rate))
-    page = Page(opened, author if author is not None else _login())
+    page = Page(opened, author if author is not None else login())
     try:
         with Interrupt() as interrupted, Server(page, allow_remote or "127.0.0.1") as server:
             print(server.url, flush=True)
@@ -70,7 +70,8 @@ def annotate(
         page.close()
 
 
-def _login() -> str:
+def login() -> str:
+    """The name that whoever runs this is logged in by, "" where there is none."""
     try:
         return getpass.getuser()
     except (OSError, KeyError):  # a user without a name
