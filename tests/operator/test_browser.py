@@ -1,6 +1,9 @@
 """The page in a real browser, as a person uses it: with the mouse, and with the keyboard alone."""
 
+import csv
 import http.server
+import os
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -429,3 +432,65 @@ def test_a_page_of_another_site_can_neither_look_nor_answer(recording: Path, ser
         foreign.shutdown()
     assert tried[1:] == ["refused", "refused"]
     assert not recording.with_name("out.seeds.toml").exists()
+
+
+@pytest.mark.skipif(
+    "SPHEREMCAP_SCREENSHOTS" not in os.environ, reason="SPHEREMCAP_SCREENSHOTS names no folder for them"
+)
+def test_pictures_for_the_docs(tmp_path: Path, serve: Serve, visit: Visit) -> None:
+    """docs/operator.md shows them: SPHEREMCAP_SCREENSHOTS=docs/images ./run test tests/operator -k docs."""
+    from PIL import Image
+
+    sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+    from person import BACK, FRAMES, session
+
+    from spheremcap.synth import render
+    from spheremcap.synth.scenarios import SCENARIOS, Scenario
+
+    folder = Path(os.environ["SPHEREMCAP_SCREENSHOTS"])
+    SCENARIOS["person"] = Scenario("two occlusions, an exchange, an exit", FRAMES, session)
+    made = render("person", tmp_path / "session")
+    truth = {int(row["frame"]): row for row in csv.DictReader(made.truth.open()) if row["x_px"]}
+
+    def shot(hand: Hand, name: str) -> None:
+        hand.page.wait_for_timeout(600)
+        path = tmp_path / f"{name}.png"
+        hand.page.screenshot(path=path)
+        Image.open(path).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE).save(
+            folder / f"operator-{name}.png", optimize=True
+        )
+
+    def place(frame: int) -> Circle:
+        return Circle(*(float(truth[frame][key]) for key in ("x_px", "y_px", "r_px")))
+
+    def seed(hand: Hand, circle: Circle) -> None:
+        hand.drag((circle.x_px + 1, circle.y_px), (circle.x_px + 1 + circle.r_px, circle.y_px))
+        hand.snapped()
+
+    made.seeds_file.unlink()
+    hand = visit(serve(made.video, "--settings", str(made.settings)).url, 1200, 760)
+    hand.click("#propose")
+    hand.wait(lambda: hand.seen("#proposals"), 60)
+    hand.page.locator("#proposals").scroll_into_view_if_needed()
+    shot(hand, "proposals")
+    hand.page.evaluate("document.querySelector('aside').scrollTop = 0")
+    seed(hand, place(0))
+    hand.page.check("#show-mask")
+    hand.click("#zoom-circle").click("#zoom-out").click("#zoom-out")
+    shot(hand, "seed")
+    hand.press("Enter").saved()
+    hand.click("#track")
+    hand.wait(lambda: hand.seen("#open-written"), 120)
+    hand.click("#open-written")
+    hand.wait(lambda: hand.said("#kind") == "tracked recording")
+    hand.wait(lambda: " open" in hand.said("#requests-left") and not hand.said("#reading"))
+    hand.click("#zoom-fit").press("r")
+    hand.wait(lambda: hand.page.locator("#strip img >> nth=9").evaluate("i => i.naturalWidth") == 112)
+    shot(hand, "request")
+    hand.click("#hide-all").saved()
+    hand.to_frame(BACK)
+    seed(hand, place(BACK))
+    hand.click("#save")
+    hand.wait(lambda: hand.seen("#trial"), 60)
+    hand.to_frame(BACK + 25)
+    shot(hand, "trial")

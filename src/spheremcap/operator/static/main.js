@@ -763,6 +763,11 @@ document.addEventListener("keydown", (e) => {
   const act = keys[e.key] ?? keys[e.key.toLowerCase()] ?? { BracketLeft: keys["["], BracketRight: keys["]"] }[e.code];
   if (act) { e.preventDefault(); act(); }
 });
+// A button that the mouse has pressed does not keep the keys: Enter goes on to mean the circle.
+document.addEventListener("click", (e) => {
+  const pressed = e.detail > 0 && /** @type {HTMLElement} */ (e.target).closest("button");
+  if (pressed && document.activeElement === pressed) $("picture").focus({ preventScroll: true });
+});
 document.addEventListener("keyup", (e) => { if (e.key === " ") view.space = false; });
 
 boot().then(listen, (error) => message(error.message));
