@@ -218,6 +218,21 @@ def test_a_stretch_is_shown_beside_the_old_one_before_anything_is_replaced(recor
         page.accept()
 
 
+def test_a_stretch_brings_its_own_requests_in_the_place_of_those_it_stands_over(recording: Path, paged: Paged) -> None:
+    """From a circle on frame 30 the elbow is followed over the frames on which it is lost."""
+    page = paged(recording)
+    was = page.lanes()["requests"]
+    page.answer("circle", "elbow", 89, {"x_px": elbow(89).x_px, "y_px": elbow(89).y_px, "r_px": 14})
+    page.track_again("elbow", 89)
+    done(page)
+    page.accept()
+    now = page.lanes()["requests"]
+    assert [r["marker"] for r in now] == ["wrist", "elbow"]
+    assert now[1]["raised"] != was[1]["raised"] or now[1] != was[1]
+    page.take_back("circle", "elbow", 89)
+    assert page.lanes()["requests"] == was
+
+
 def test_a_stretch_that_is_discarded_takes_its_answer_back(recording: Path, paged: Paged) -> None:
     page = paged(recording)
     was = page.lanes()["lanes"]

@@ -3,12 +3,12 @@
 import os
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Literal, Self, cast
+from typing import Any, Literal, Protocol, Self, cast
 
 import tomli_w
 from pydantic import ValidationError
@@ -65,6 +65,19 @@ class Request:
                 if answer.frame_index < end and to >= first:
                     return True
         return False
+
+
+class Correction(Protocol):
+    """A stretch that stands over the recording: its circle, its states by frame, its requests."""
+
+    @property
+    def answer(self) -> Seed: ...
+
+    @property
+    def states(self) -> Container[int]: ...
+
+    @property
+    def requests(self) -> tuple[OperatorRequest, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -297,12 +310,19 @@ class Opened:
         """The answers that the recording does not have yet; all, where nothing has been tracked."""
         return [answer for answer in self.answers.answers() if not any(_same(answer, one) for one in self.given)]
 
-    def asked(self) -> list[Request]:
-        """The requests, as far as the time line is known."""
-        assert self.lanes is not None or not self._asked
+    def asked(self, corrected: Iterable[Correction] = ()) -> list[Request]:
+        """The requests, as far as the time line is known: the recording's, but those that stretches stand over, whose
+        own come in their place."""
+        if self.lanes is None:
+            return []
+        requests = list(self._asked)
+        for one in corrected:
+            over = one.answer.marker, one.states
+            requests = [r for r in requests if r.marker != over[0] or r.raised_at_frame_index not in over[1]]
+            requests += one.requests
         found = []
-        for number, request in enumerate(self._asked):
-            lane = cast(Lanes, self.lanes).by_marker[request.marker]
+        for number, request in enumerate(sorted(requests, key=lambda r: (r.frame_index, r.marker))):
+            lane = self.lanes.by_marker[request.marker]
             before = lane.measured_before(request.frame_index)
             found.append(Request(number, request, before, lane.measured_from(request.raised_at_frame_index)))
         return found

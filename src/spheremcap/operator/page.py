@@ -11,7 +11,7 @@ from typing import Any
 
 from spheremcap import api
 from spheremcap.core.circle import Circle
-from spheremcap.core.estimate import Status
+from spheremcap.core.estimate import OperatorRequest, Status
 from spheremcap.core.frame import Frame
 from spheremcap.core.marker import Answer, Hidden, Keep, Seed
 from spheremcap.core.presets import PRESETS
@@ -40,6 +40,7 @@ class Trial:
 
     answer: Seed
     states: dict[int, State]
+    requests: tuple[OperatorRequest, ...]
     before: str
     after: str
 
@@ -66,6 +67,7 @@ class Page:
         self.opened = opened
         self.desk = Desk(opened.pictures)
         self.trial: Trial | None = None
+        self._accepted: dict[Seed, Trial] = {}
         self._reading: threading.Thread | None = None
         self._closing = closing = threading.Event()
         if opened.lanes is not None:
@@ -169,7 +171,7 @@ class Page:
             "known_to": min(lanes.known_to, opened.last + 1),
             "revision": lanes.revision,
             "lanes": {marker: lane.runs() for marker, lane in lanes.by_marker.items()},
-            "requests": [self._request(request, answers) for request in opened.asked()],
+            "requests": [self._request(request, answers) for request in opened.asked(self._accepted.values())],
         }
 
     def _request(self, request: Request, answers: Sequence[Answer]) -> Json:
@@ -242,6 +244,8 @@ class Page:
             self.trial = None
         if self.opened.lanes is not None:
             self.opened.lanes.remove(marker, _known_by(taken))
+        if isinstance(taken, Seed):
+            self._accepted.pop(taken, None)
         self._news()
         return self.answers()
 
@@ -274,8 +278,12 @@ class Page:
             stretch = api.stretch_of(opened.path, answer, others=others, progress=work.progress, stop=work.stopping)
             if work.stopping():
                 return "stopped: what stands is as it was"
-            states = {r.frame_index: state_of(e) for r in stretch for e in r.estimates if e.marker == marker}
-            self.trial = Trial(answer, states, stretch.before, stretch.after)
+            states: dict[int, State] = {}
+            requests: list[OperatorRequest] = []
+            for result in stretch:
+                states |= {e.frame_index: state_of(e) for e in result.estimates if e.marker == marker}
+                requests += result.requests
+            self.trial = Trial(answer, states, tuple(requests), stretch.before, stretch.after)
             return f"{marker} was followed on {len(states)} frames"
 
         others = [one for one in opened.unwritten() if one != answer]
@@ -309,6 +317,7 @@ class Page:
         if trial is None or lanes is None:
             raise UsageError("there is nothing to accept any more")
         lanes.correct(trial.answer.marker, _known_by(trial.answer), trial.states)
+        self._accepted[trial.answer] = trial
         self.trial = None
         self._news()
 
