@@ -191,6 +191,27 @@ def test_scrubbing_shows_key_frames_and_the_exact_one_when_the_hand_rests(
     assert abs(int(hand.shown()) - COUNT * 19 / 20) < 3
 
 
+def test_markers_are_proposed_named_and_kept_or_thrown_away(film: Path, serve: Serve, visit: Visit) -> None:
+    hand = visit(serve(film).url)
+    hand.click("#propose")
+    hand.wait(lambda: hand.seen("#proposals"), 60)
+    blue = hand.page.locator("#proposal-list li", has=hand.page.locator("img[alt^='a blue']"))
+    assert "blue" in blue.locator("p").inner_text()
+    blue.locator("input").fill("elbow")
+    blue.locator("button:has-text('Keep')").click()
+    hand.saved()
+    [answer] = answers_beside(film)
+    assert answer.marker == "elbow"
+    assert near(answer.circle, elbow(answer.frame_index))
+    [marker] = load_settings(film.with_name("film.settings.toml")).markers
+    assert (marker.name, marker.colour) == ("elbow", "blue")
+    hand.wait(lambda: blue.count() == 0)
+    left = hand.page.locator("#proposal-list li").count()
+    hand.page.locator("#proposal-list button:has-text('Throw away')").first.click()
+    assert hand.page.locator("#proposal-list li").count() == left - 1
+    assert len(answers_beside(film)) == 1
+
+
 # --- a recording ---
 
 

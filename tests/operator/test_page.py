@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import media
 import pytest
-from film import COUNT, SETTINGS, seeds, wrist
+from film import COUNT, SETTINGS, elbow, seeds, wrist
 
 import clips
 import spheremcap
@@ -60,13 +60,15 @@ def test_a_time_is_the_last_frame_up_to_it(film: Path, paged: Paged) -> None:
 def test_markers_and_circles_go_into_the_files_that_track_reads(film: Path, paged: Paged) -> None:
     page = paged(film)
     page.set_marker("wrist", 0.04, None)
-    page.set_marker("elbow", 0.05, None)
+    page.set_marker("elbow", 0.05, None, "blue")
     for seed in seeds():
         circle = dict(zip(("x_px", "y_px", "r_px"), seed.circle, strict=True))
         said = page.answer("circle", seed.marker, 0, circle, None)
     assert said["unwritten"] == 2
     settings, answers = load_settings(film.parent / "film.settings.toml"), load_seeds(film.parent / "film.seeds.toml")
-    assert [(m.name, m.diameter_m) for m in settings.markers] == [("wrist", 0.04), ("elbow", 0.05)]
+    assert [(m.name, m.diameter_m, m.colour) for m in settings.markers] == [
+        ("wrist", 0.04, None), ("elbow", 0.05, "blue"),
+    ]  # fmt: skip
     assert [(a.marker, a.frame_index, a.author) for a in answers] == [("wrist", 0, "ada"), ("elbow", 0, "ada")]
     assert answers[0].time.endswith("Z")
     assert len(answers[0].time) == 20
@@ -381,3 +383,29 @@ def test_a_free_name_is_the_next_number(tmp_path: Path) -> None:
         path.touch()
     assert names == ["out.mcap", "out.2.mcap", "out.3.mcap"]
     assert _free(tmp_path / "a.b.mcap").name == "a.b.mcap"
+
+
+def test_markers_are_proposed_with_a_reason_and_kept_with_their_colour(film: Path, paged: Paged) -> None:
+    page = paged(film)
+    assert page.proposed() == []
+    page.propose()
+    assert done(page).endswith("proposed")
+    found = page.proposed()
+    assert json.dumps(found)
+    kinds = {p["colour"] for p in found}
+    assert {"orange", "blue"} <= kinds
+    for colour, place in (("orange", wrist), ("blue", elbow)):
+        one = next(p for p in found if p["colour"] == colour)
+        assert one["reason"]
+        at = place(one["frame"])
+        assert abs(one["circle"][0] - at.x_px) < 1
+        page.set_marker(colour, 0.04, None, colour)
+    assert [m["colour"] for m in page.session()["markers"]] == ["orange", "blue"]
+
+
+def test_looking_for_markers_can_be_stopped(film: Path, paged: Paged) -> None:
+    page = paged(film)
+    page.propose()
+    page.work.stop()
+    page.work.join(60)
+    assert page.work.job.ended == "stopped"

@@ -196,15 +196,17 @@ class Opened:
         seeded = dict.fromkeys(a.marker for a in self.answers.answers() if a.marker not in names)
         return listed + [MarkerSettings(name=name) for name in seeded]
 
-    def set_marker(self, name: str, diameter_m: float, was: str | None = None) -> None:
-        """List a marker in the settings file, or give the one called `was` another name or diameter."""
+    def set_marker(
+        self, name: str, diameter_m: float, was: str | None = None, colour: str | Sequence[float] | None = None
+    ) -> None:
+        """List a marker in the settings file, or give the one called `was` another name, diameter or colour."""
         if self._settings is not None:
             raise UsageError("the markers of a recording are those it was tracked with: open the video for others")
         if not _NAME.fullmatch(name):
             raise UsageError(f"the name {short(name)} has to be letters, digits and underscores")
         if was != name and name in (m.name for m in self.markers):
             raise UsageError(f"there is a marker {name} already")
-        new = {"name": name, "diameter_m": diameter_m}
+        new: dict[str, Any] = {"name": name, "diameter_m": diameter_m} | ({"colour": colour} if colour else {})
         rows = [m.model_dump(exclude_none=True) for m in self.markers]
         rows = [new if row["name"] == was else row for row in rows]
         self._write({"markers": rows if new in rows else [*rows, new]})

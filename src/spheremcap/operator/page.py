@@ -16,6 +16,7 @@ from spheremcap.core.frame import Frame
 from spheremcap.core.marker import Answer, Hidden, Keep, Seed
 from spheremcap.core.presets import PRESETS
 from spheremcap.core.time import NS_PER_S, format_time
+from spheremcap.detection.hues import GREYS, HUES_MEANT
 from spheremcap.errors import UsageError
 from spheremcap.io.pictures import Pictures
 from spheremcap.io.sources import FromMcap
@@ -116,7 +117,11 @@ class Page:
             "seeds_file": opened.answers.path.name,
             "settings_file": opened.settings_path.name,
             "author": self.author,
-            "markers": [{"name": m.name, "diameter_mm": round(m.diameter_m * 1000, 4)} for m in opened.markers],
+            "markers": [
+                {"name": m.name, "diameter_mm": round(m.diameter_m * 1000, 4), "colour": m.colour}
+                for m in opened.markers
+            ],
+            "colours": [*HUES_MEANT, *GREYS],
             "camera": {
                 "metric": metric,
                 "note": note.replace("; give --camera", ""),
@@ -376,9 +381,11 @@ class Page:
             self._open(opened)
         self._news()
 
-    def set_marker(self, name: str, diameter_m: float, was: str | None) -> None:
+    def set_marker(
+        self, name: str, diameter_m: float, was: str | None, colour: str | Sequence[float] | None = None
+    ) -> None:
         """See `Opened.set_marker`."""
-        self.opened.set_marker(name, diameter_m, was)
+        self.opened.set_marker(name, diameter_m, was, colour)
         self._news()
 
     def drop_marker(self, name: str) -> None:

@@ -95,6 +95,7 @@ class _Marker(_Body):
     name: str = Field(max_length=100)
     diameter_mm: float = Field(gt=0, le=1e6, allow_inf_nan=False)
     was: str | None = Field(None, max_length=100)
+    colour: str | tuple[float, float] | None = None
 
 
 class _Preset(_Body):
@@ -243,7 +244,7 @@ def application(page: Page) -> Starlette:
 
     async def marker(request: Request) -> Response:
         said = await _read(request, _Marker)
-        await run(page.set_marker, said.name, said.diameter_mm / 1000, said.was)
+        await run(page.set_marker, said.name, said.diameter_mm / 1000, said.was, said.colour)
         return JSONResponse(await run(page.session))
 
     async def drop_marker(request: Request) -> Response:

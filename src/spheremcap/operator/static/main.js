@@ -363,6 +363,9 @@ function form(name) {
   $("marker-form").dataset.was = m ? name : "";
   if (document.activeElement !== $("marker-name")) $("marker-name").value = m ? name : freeName();
   if (document.activeElement !== $("marker-diameter")) $("marker-diameter").value = m ? m.diameter_mm : 40;
+  const colours = $("marker-colour"), own = Array.isArray(m?.colour);
+  colours.replaceChildren(new Option("not said", ""), ...(own ? [new Option(`hues ${m.colour.join(" to ")}`, JSON.stringify(m.colour))] : []), ...S.session.colours.map((/** @type {string} */ c) => new Option(c, JSON.stringify(c))));
+  colours.value = m?.colour ? JSON.stringify(m.colour) : "";
   $("marker-save").textContent = m ? "Change" : "Add marker";
   $("marker-new").hidden = !m;
   $("marker-drop").hidden = !m || S.answers.some((a) => a.marker === name);
@@ -376,7 +379,7 @@ function freeName() {
 
 async function addMarker() {
   const name = $("marker-name").value.trim(), was = $("marker-form").dataset.was || null;
-  const s = await attempt(() => post("/marker", { name, diameter_mm: Number($("marker-diameter").value), was }));
+  const s = await attempt(() => post("/marker", { name, diameter_mm: Number($("marker-diameter").value), was, colour: JSON.parse($("marker-colour").value || "null") }));
   if (!s) return false;
   for (const [k, circle] of [...S.drafts]) {
     if (k.startsWith(`${was ?? ""}@`)) { S.drafts.delete(k); S.drafts.set(`${name}@${k.split("@")[1]}`, circle); }
@@ -552,7 +555,7 @@ async function takeProposals() {
     row.className = "row";
     row.append(button("Keep", async () => {
       const marker = name.value.trim();
-      const s = await attempt(() => post("/marker", { name: marker, diameter_mm: Number($("marker-diameter").value) || 40, was: null }));
+      const s = await attempt(() => post("/marker", { name: marker, diameter_mm: Number($("marker-diameter").value) || 40, was: null, colour: S.session.colours.includes(p.colour) ? p.colour : null }));
       if (!s) return;
       S.session = s;
       if (await answer({ kind: "circle", marker, frame: p.frame, circle: { x_px: p.circle[0], y_px: p.circle[1], r_px: p.circle[2] } })) { item.remove(); choose(marker); go(p.frame); }
@@ -696,7 +699,7 @@ on("see-last", () => { const r = S.requests[S.request]; if (r?.last_verified !==
 on("see-first", () => go(S.requests[S.request].first_unverified));
 on("help", () => $("keys").showModal());
 on("line-in", () => line.zoom(0.5)); on("line-out", () => line.zoom(2));
-on("marker-new", () => { $("marker-form").dataset.was = ""; $("marker-name").value = freeName(); $("marker-save").textContent = "Add marker"; $("marker-drop").hidden = $("marker-new").hidden = true; $("marker-name").focus(); });
+on("marker-new", () => { $("marker-form").dataset.was = ""; $("marker-name").value = freeName(); $("marker-colour").value = ""; $("marker-save").textContent = "Add marker"; $("marker-drop").hidden = $("marker-new").hidden = true; $("marker-name").focus(); });
 on("marker-drop", () => attempt(async () => { S.session = await post("/drop-marker", { marker: S.marker, frame: 0 }); markers(); overlays(); }));
 $("marker-form").onsubmit = (/** @type {Event} */ e) => { e.preventDefault(); addMarker(); };
 $("hidden-form").onsubmit = (/** @type {Event} */ e) => { e.preventDefault(); hide(); };
