@@ -104,8 +104,8 @@ def _moved(result: FrameResult, index: int, stamp_ns: int, lost: bool) -> FrameR
     return FrameResult(index, stamp_ns, (estimate,), () if lost else smoothed)
 
 
-def measured(words: list[str]) -> tuple[float, float]:
-    """Seconds and megabytes of a command."""
+def measured(words: list[str]) -> tuple[float, float, float]:
+    """Seconds on the clock, seconds of processors, and megabytes at most, of a command."""
     started = time.monotonic()
     process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
@@ -114,7 +114,7 @@ def measured(words: list[str]) -> tuple[float, float]:
     seconds = time.monotonic() - started
     assert status == 0, said
     print(said, end="")
-    return seconds, usage.ru_maxrss / 1024
+    return seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
 
 
 def main() -> None:
@@ -135,13 +135,16 @@ def main() -> None:
         recording = folder / "long.mcap"
         size_mb = recording.stat().st_size / 1e6
         print(f"{given.frames} frames, {size_mb:.0f} MB, lost for {given.lost}")
-        copied, _ = measured(["cp", str(recording), str(folder / "copy.mcap")])
+        empty = measured([sys.executable, "-c", "import spheremcap.api"])
+        copied, copying, _ = measured(["cp", str(recording), str(folder / "copy.mcap")])
         (folder / "copy.mcap").unlink()
         command = [sys.executable, "-m", "spheremcap", "retrack", str(recording), "--overwrite"]
-        seconds, megabytes = measured(
+        seconds, busy, megabytes = measured(
             [*command, "--seeds", str(folder / "answers.toml"), "-o", str(folder / "out.mcap")]
         )
-        print(f"cp: {copied:.1f} s; retrack: {seconds:.1f} s, {megabytes:.0f} MB at most")
+        print(f"cp: {copied:.1f} s, {copying:.1f} s of processors")
+        print(f"retrack: {seconds:.1f} s, {busy:.1f} s of processors, {megabytes:.0f} MB at most")
+        print(f"of that Python and the libraries alone: {empty[0]:.1f} s, {empty[1]:.1f} s, {empty[2]:.0f} MB")
         started = time.monotonic()
         stretch = api.stretch_of(recording, _answer(folder))
         print(f"stretch_of: {time.monotonic() - started:.1f} s, frames {stretch.frames[0]} to {stretch.frames[-1]}")

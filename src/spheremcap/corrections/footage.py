@@ -15,8 +15,11 @@ from spheremcap.corrections.run import Run
 from spheremcap.errors import SourceError, UsageError
 from spheremcap.io.mcap_images import TimeBase
 from spheremcap.io.mcap_records import McapRecords
-from spheremcap.io.pictures import open_pictures
+from spheremcap.io.pictures import Pictures, open_pictures, recorded_pictures
 from spheremcap.io.sources import fingerprint
+
+_HELD_BYTES = 24 << 20
+"""Decoded pictures that are kept, for going backwards: 17 of 1280x720."""
 
 
 class Footage:
@@ -31,10 +34,11 @@ class Footage:
         self._shift_ns: int | None = None
         self._right: Future[None] | None = None
         self.note = ""
+        self.pictures: Pictures
         own = _own_pictures(run, records)
         beside = records.path.parent / run.facts.get("input_name", "")
         if source is None and own is not None and own.exact:
-            self.pictures = files.enter_context(open_pictures(records.path, topic=own.topic, time=own.time))
+            self.pictures = recorded_pictures(records, own.topic, own.time, _HELD_BYTES)
             return
         path = source or beside
         if source is None and not _fits(path, run.facts):
@@ -46,7 +50,7 @@ class Footage:
             self.note = (
                 f"tracked on the recording's own pictures, which were encoded once: {beside.name} is not beside it"
             )
-            self.pictures = files.enter_context(open_pictures(records.path, topic=own.topic, time=own.time))
+            self.pictures = recorded_pictures(records, own.topic, own.time, _HELD_BYTES)
             return
         if not checked:
             if not _fits(path, run.facts):
@@ -56,7 +60,9 @@ class Footage:
         rate = run.facts.get("rate")
         topic, time = run.facts.get("image_topic"), cast(TimeBase, run.facts.get("image_time", "header"))
         self.pictures = files.enter_context(
-            open_pictures(path, topic=topic, time=time, rate=None if rate is None else Fraction(rate))
+            open_pictures(
+                path, topic=topic, time=time, rate=None if rate is None else Fraction(rate), held_bytes=_HELD_BYTES
+            )
         )
 
     @property

@@ -23,6 +23,7 @@ from spheremcap.stretch import KeepView, Terms, base_seeds
 ANSWERS = "answers"
 """The line of a run's metadata that says what was answered."""
 SEEDS, SETTINGS = "seeds.toml", "settings.toml"
+_HELD_BYTES = 16 << 20  # decompressed chunks that are kept: what is asked for lies close together
 ViewKeeper = Callable[[Settings], KeepView]
 
 
@@ -134,7 +135,7 @@ def check(run: Run, answers: Sequence[Answer], path: Path) -> None:
 @contextmanager
 def opened(path: Path) -> Iterator[tuple[McapRecords, list[Run]]]:
     """A recording and its runs. Raises SourceError for one that is damaged or that we did not write."""
-    with McapRecords(path) as records:
+    with McapRecords(path, held_bytes=_HELD_BYTES) as records:
         if records.lost:
             raise SourceError(
                 f"{path}: is damaged ({records.lost[0]}): make it whole first: spheremcap recover {path} -o OTHER.mcap"

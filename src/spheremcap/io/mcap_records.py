@@ -129,11 +129,13 @@ class McapRecords:
     statistics state. `unordered` counts messages that were stored behind a later one of the same chunk; they come
     out in order.
 
-    Raises SourceError when the file is not there or holds no MCAP record at all.
+    Decompressed chunks of `held_bytes` at most are kept for the next time, but always one. Raises SourceError when the
+    file is not there or holds no MCAP record at all.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], *, held_bytes: int = _HELD_BYTES) -> None:
         self.path = Path(path)
+        self._held_bytes = held_bytes
         self.profile = ""
         self.library = ""
         self.schemas: dict[int, Schema] = {}
@@ -511,7 +513,7 @@ class McapRecords:
             if data is None:
                 data = self._open(piece, report)
             self._opened[piece.offset] = data
-            while len(self._opened) > 1 and sum(map(len, self._opened.values())) > _HELD_BYTES:
+            while len(self._opened) > 1 and sum(map(len, self._opened.values())) > self._held_bytes:
                 self._opened.popitem(last=False)
             return data
 
@@ -639,11 +641,14 @@ class MessageIndex:
                 times.append(log_time)
                 starts.append(start)
                 piece_of.append(number)
-        order = sorted(range(len(times)), key=times.__getitem__)
-        self.log_times = array("Q", map(times.__getitem__, order))
+        if any(a > b for a, b in itertools.pairwise(times)):
+            order = sorted(range(len(times)), key=times.__getitem__)
+            times = array("Q", map(times.__getitem__, order))
+            starts = array("Q", map(starts.__getitem__, order))
+            piece_of = array("I", map(piece_of.__getitem__, order))
+        self.log_times = times
         """Log time of each message, ns, never falling."""
-        self._start_of = array("Q", map(starts.__getitem__, order))
-        self._piece_of = array("I", map(piece_of.__getitem__, order))
+        self._start_of, self._piece_of = starts, piece_of
 
     def _stated(self, piece: Piece) -> list[tuple[int, int]] | None:
         """(log time, where the record starts in the chunk) by the indexes behind a chunk; None when it has none."""

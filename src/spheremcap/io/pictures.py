@@ -198,6 +198,12 @@ def open_pictures(
         return Pictures(source, index, files.pop_all(), held_bytes)
 
 
+def recorded_pictures(records: McapRecords, topic: str, time: TimeBase, held_bytes: int = HELD_BYTES) -> Pictures:
+    """The pictures of an image topic of a recording that is open already, and that somebody else closes."""
+    source = McapImageSource(records, topic, time=time)
+    return Pictures(source, _Messages(source, records), ExitStack(), held_bytes)
+
+
 class _Numbered:
     """The pictures of a folder by what their numbers stand for."""
 
