@@ -1,7 +1,7 @@
 """Answers go into a recording: what they change is tracked again, all else is copied, and track does it at once."""
 
 import shutil
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,6 +28,7 @@ from clips import seed as clip_seed
 from scenes import CAMERA, truth
 from spheremcap import api
 from spheremcap.config import OutputSettings, Settings, parse_seed, seeds_toml
+from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Hidden, Keep, Seed
 from spheremcap.errors import SourceError, UsageError
 from spheremcap.io.mcap_records import McapRecords
@@ -207,6 +208,24 @@ def test_the_log_and_the_run_say_what_was_answered(folder):
     recording = api.open(folder / "corrected.mcap")
     assert recording.seeds_toml == seeds_toml(answers())
     assert api.open(folder / "base.mcap").seeds_toml == seeds_toml(FIRST)
+
+
+def test_who_is_lost_at_the_end_is_said_by_what_holds_in_the_end(folder, tmp_path):
+    """One marker is lost without answers and found with them, one the other way round."""
+    nothing = Circle(285, 25, 12)
+    settings = SETTINGS.model_copy(update={"markers": tuple(m for m in SETTINGS.markers if m.name != "wrist")})
+    first = [Seed("elbow", 0, nothing), seed("knee", 0)]
+    report = api.track(folder / "film.mp4", tmp_path / "base.mcap", settings, first)
+    assert [line.partition(",")[0] for line in report.lost] == ["elbow is LOST at the end"]
+    more = [seed("elbow", 120), Seed("knee", 174, nothing)]
+    after = api.retrack(tmp_path / "base.mcap", tmp_path / "out.mcap", [*first, *more])
+    assert [line.partition(",")[0] for line in after.lost] == ["knee is LOST at the end"]
+    assert not after.complete
+    assert api.open(tmp_path / "out.mcap").info["lost"] == after.lost[0]
+    at_once = api.track(folder / "film.mp4", tmp_path / "all.mcap", settings, [*first, *more])
+    assert at_once.lost == after.lost
+    statuses = api.open(tmp_path / "out.mcap").tracks["knee"].status
+    assert {s.value: n for s, n in at_once.statuses["knee"].items()} == dict(Counter(statuses.tolist()))
 
 
 # -- what is not -----------------------------------------------------------------------------------

@@ -20,11 +20,11 @@ def lost_marker(place: str, marker: str, last: MarkerEstimate | None) -> str:
     """What to look at, and what to give, for a marker that is lost at the end and was measured `last` there."""
     told = f"{place}{marker} is LOST at the end"
     if last is None or last.circle is None:
-        return f"{told}: it was never found after its seed; look whether the seed is on it"
+        return f"{told}: it was never found after its seed: look whether the seed is on it"
     c, frame = last.circle, last.frame_index
     return (
         f"{told}, last seen on frame {frame} at {c.x_px:.0f},{c.y_px:.0f} with radius {c.r_px:.0f}: look where it "
-        f"comes back after that, and run again with --seed {place}{marker}@FRAME=X,Y,R for that frame as well"
+        f"comes back after that, and give its circle: spheremcap retrack … --seed {place}{marker}@FRAME=X,Y,R"
     )
 
 
