@@ -217,7 +217,7 @@ def test_who_is_lost_at_the_end_is_said_by_what_holds_in_the_end(folder, tmp_pat
     first = [Seed("elbow", 0, nothing), seed("knee", 0)]
     report = api.track(folder / "film.mp4", tmp_path / "base.mcap", settings, first)
     assert [line.partition(",")[0] for line in report.lost] == ["elbow is LOST at the end"]
-    more = [seed("elbow", 120), Seed("knee", 174, nothing)]
+    more = [seed("elbow", 120), Seed("knee", 174, Circle(300, 110, 12))]
     after = api.retrack(tmp_path / "base.mcap", tmp_path / "out.mcap", [*first, *more])
     assert [line.partition(",")[0] for line in after.lost] == ["knee is LOST at the end"]
     assert not after.complete
