@@ -6,7 +6,7 @@ from clips import COUNT, seed, write_truth
 from spheremcap.config import load_settings
 
 VERBS = (
-    "track", "retrack", "merge", "sync", "info", "export", "recover", "evaluate", "experiment", "synth", "tune",
+    "annotate", "track", "retrack", "merge", "sync", "info", "export", "recover", "evaluate", "experiment", "synth", "tune",
     "config",
 )  # fmt: skip
 
