@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 FLAGS = [
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
@@ -24,18 +24,23 @@ def find_chromium() -> str | None:
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
-class Annotate:
-    """`spheremcap annotate FILE` as a process of its own."""
+class Program:
+    """spheremcap as a process of its own that serves the page; `url` is what it prints."""
 
-    def __init__(self, path: Path, *more: str) -> None:
-        command = [sys.executable, "-m", "spheremcap", "annotate", str(path), "--no-browser", "--author", "ada", *more]
+    def __init__(self, *arguments: str | Path) -> None:
         self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "BROWSER": "false"}
-        )
-        assert self.process.stdout is not None
-        assert self.process.stderr is not None
-        self.url = self.process.stdout.readline().strip()
-        assert self.url.startswith("http://127.0.0.1:"), self.process.stderr.read()
+            [sys.executable, "-m", "spheremcap", *map(str, arguments)],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "CI": "true"},
+        )  # fmt: skip
+        self.url = ""
+
+    def url_on(self, stream: IO[str] | None) -> str:
+        """Waits for the address on its standard output or error."""
+        assert stream is not None
+        for line in stream:
+            if line.startswith("http://127.0.0.1:"):
+                return line.strip()
+        raise AssertionError(f"it ended without an address: {self.process.communicate()}")
 
     def kill(self) -> None:
         """As a crash or a power cut would."""
@@ -43,11 +48,19 @@ class Annotate:
         self.process.communicate()
 
     def end(self) -> int:
-        """As Ctrl-C does; the exit code."""
+        """As Ctrl-C does, if it has not ended; the exit code."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
         self.process.communicate(timeout=20)
         return self.process.returncode
+
+
+class Annotate(Program):
+    """`spheremcap annotate FILE`."""
+
+    def __init__(self, path: Path, *more: str) -> None:
+        super().__init__("annotate", path, "--no-browser", "--author", "ada", *more)
+        self.url = self.url_on(self.process.stdout)
 
 
 class Hand:

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from film import COUNT, elbow, wrist
-from hand import FLAGS, Annotate, Hand, find_chromium
+from film import COUNT, SETTINGS, elbow, seeds, wrist
+from hand import FLAGS, Annotate, Hand, Program, find_chromium
 
 import spheremcap
 from spheremcap import api
-from spheremcap.config import load_seeds, load_settings
+from spheremcap.config import load_seeds, load_settings, seeds_toml
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Hidden, Keep, Seed
 
@@ -377,6 +377,37 @@ def test_a_video_is_seeded_and_tracked_with_the_keyboard_alone(film: Path, serve
     hand.tab_to("#save").press("Enter").saved()
     hand.tab_to("#track").press("Enter")
     hand.wait(lambda: hand.seen("#open-written"), 60)
+
+
+# --- a run that waits ---
+
+
+def test_a_run_waits_for_the_person_on_the_page_and_goes_on(film: Path, visit: Visit) -> None:
+    folder = film.parent
+    (folder / "a.seeds.toml").write_text(seeds_toml(seeds()))
+    (folder / "a.settings.toml").write_text(SETTINGS.to_toml())
+    files = ("--seeds", folder / "a.seeds.toml", "--settings", folder / "a.settings.toml")
+    program = Program("track", film, "-o", folder / "out.mcap", *files, "--operator", "page")
+    try:
+        hand = visit(program.url_on(program.process.stderr))
+        hand.wait(lambda: "Where is wrist?" in hand.said("#request-words"))
+        assert hand.settled().shown() == "40"
+        assert hand.said("#kind") == "is being tracked"
+        for control in ("#track", "#write", "#propose", "#marker-form"):
+            assert not hand.seen(control)
+        hand.reload()
+        hand.wait(lambda: "Where is wrist?" in hand.said("#request-words"))
+        hand.press("h").to_frame(69).press("h")
+        hand.wait(lambda: "Where is elbow?" in hand.said("#request-words"))
+        assert answers_beside(folder / "a")[-1].to_frame_index == 69
+        hand.press("l")
+        hand.wait(lambda: "The run has ended" in hand.said("#message"))
+        assert program.process.wait(30) == 0
+    finally:
+        program.end()
+    batch = folder / "batch.mcap"
+    api.track(film, batch, load_settings(folder / "a.settings.toml"), answers_beside(folder / "a"), folder=folder)
+    assert (folder / "out.mcap").read_bytes() == batch.read_bytes()
 
 
 # --- what everybody needs ---

@@ -4,6 +4,8 @@ import getpass
 import sys
 import time
 import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -68,6 +70,15 @@ def annotate(
                 time.sleep(0.1)
     finally:
         page.close()
+
+
+@contextmanager
+def needed(what: str) -> Iterator[None]:
+    """Around imports of what only the page needs. Raises UsageError where the extra is not installed."""
+    try:
+        yield
+    except ImportError as error:
+        raise UsageError(f"{what} needs more: pip install 'spheremcap[operator]' ({error.name} is missing)") from error
 
 
 def login() -> str:

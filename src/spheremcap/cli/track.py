@@ -1,10 +1,12 @@
 """spheremcap track: a video in, an annotated recording out."""
 
+import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -18,9 +20,12 @@ from spheremcap.interrupt import Interrupt, Interrupted
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from spheremcap.api import Operator
+    from spheremcap.config import Settings
     from spheremcap.core.marker import Answer, Seed
     from spheremcap.found import Found
     from spheremcap.operator.answers import AnswerFile
+    from spheremcap.operator.attending import Attending
     from spheremcap.operator.terminal import Terminal
     from spheremcap.proposals import Proposal
 
@@ -76,7 +81,7 @@ def track(
         typer.Option("--debug-images", help="Pictures of why a frame was doubted. (by default crops)"),
     ] = None,
     operator: Annotated[
-        Literal["none", "terminal"],
+        Literal["none", "terminal", "page"],
         typer.Option("--operator", help="Who is asked where a marker is lost; tracking waits for the answer."),
     ] = "none",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
@@ -171,14 +176,19 @@ def track(
             chosen = with_diameter(chosen, given, diameter)
         task = shown.add_task("tracking", total=None)
         asked = _seeds_file(seeds, output, given) if operator != "none" else None
-        person = None if asked is None else _terminal(asked, output, shown, interrupted)
-        report = api.track(
-            source, output, chosen, given,
-            folder=folder, inputs=[*inputs, *([asked.path] if asked else [])], overwrite=overwrite,
-            start_time_ns=start_ns, rate=hertz, mcap=mcap, found=found, operator=person,
-            progress=lambda done, total: shown.update(task, completed=done, total=total),
-            stop=interrupted,
-        )  # fmt: skip
+        with ExitStack() as attending:
+            person: Operator | None = None
+            if asked is not None and operator == "terminal":
+                person = _terminal(asked, output, shown, interrupted)
+            elif asked is not None:
+                person = attending.enter_context(_page(source, chosen, settings, asked, topic, hertz, interrupted))
+            report = api.track(
+                source, output, chosen, given,
+                folder=folder, inputs=[*inputs, *([asked.path] if asked else [])], overwrite=overwrite,
+                start_time_ns=start_ns, rate=hertz, mcap=mcap, found=found, operator=person,
+                progress=lambda done, total: shown.update(task, completed=done, total=total),
+                stop=interrupted,
+            )  # fmt: skip
     for note in report.notes:
         print(f"spheremcap: {note}", file=sys.stderr)
     for name, counts in report.statuses.items():
@@ -247,6 +257,27 @@ def _terminal(answers: "AnswerFile", output: Path, shown: "Progress", interrupte
         shown.start()
 
     return Terminal(answers, output, login(), alone, lambda: read_line(interrupted))
+
+
+def _page(
+    source: Path, chosen: "Settings", settings: Path | None, answers: "AnswerFile", topic: list[str] | None,
+    rate: Fraction | None, interrupted: Interrupt,
+) -> "Attending":  # fmt: skip
+    """Whoever answers on the page, which opens at the first question."""
+    from spheremcap.cli.annotate import login, needed
+
+    with needed("--operator page"):
+        from spheremcap.operator.attending import Attending
+    from spheremcap.operator.opened import Opened
+    from spheremcap.operator.page import Page
+
+    if topic is not None and len(topic) > 1:
+        raise UsageError("--operator page shows one camera: name one --topic")
+    opened = Opened(
+        source, seeds=answers.path, settings=settings, topic=topic[0] if topic else None, rate=rate, attended=chosen
+    )
+    say = partial(print, file=sys.stderr, flush=True)
+    return Attending(Page(opened, login()), say, interrupted, show="CI" not in os.environ)
 
 
 def _time_ns(flag: str, text: str | None) -> int | None:

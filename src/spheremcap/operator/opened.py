@@ -42,7 +42,7 @@ from spheremcap.operator.desk import HELD_BYTES
 from spheremcap.operator.lanes import Lanes
 from spheremcap.session import check_answers
 
-Kind = Literal["video", "log", "recording"]
+Kind = Literal["video", "log", "recording", "attended"]
 _NAME = re.compile(r"[A-Za-z0-9_]{1,100}", re.ASCII)
 
 
@@ -101,6 +101,8 @@ class Opened:
     NAME.settings.toml or `settings`; nothing else is written, and nothing outside of their folders. Frames are numbered
     as the tracker numbers them.
 
+    `attended` are the settings of a run that is going on, whose questions the page shows; they stand.
+
     Raises SourceError for what cannot be read, UsageError where something has to be said.
     """
 
@@ -112,6 +114,7 @@ class Opened:
         settings: Path | None = None,
         topic: str | None = None,
         rate: Fraction | None = None,
+        attended: Settings | None = None,
     ) -> None:
         self.path = Path(path)
         self.topic, self.rate = topic, rate
@@ -119,7 +122,9 @@ class Opened:
         self.lanes: Lanes | None = None
         ours = None
         time: TimeBase = "header"
-        if is_recording(self.path):
+        if attended is not None:
+            self.kind = "attended"
+        elif is_recording(self.path):
             ours = _ours(self.path)
             self.kind = "log" if ours is None else "recording"
         if ours is not None:
@@ -130,7 +135,7 @@ class Opened:
         stem = self.path.with_suffix("").name or self.path.name
         beside = self.path.resolve().parent
         self.settings_path = settings if settings is not None else beside / f"{stem}.settings.toml"
-        self._settings = ours.settings if ours is not None else None
+        self._settings = ours.settings if ours is not None else attended
         with ExitStack() as files:
             self.pictures = files.enter_context(
                 open_pictures(self.path, topic=topic, time=time, rate=rate, held_bytes=HELD_BYTES)
@@ -152,6 +157,8 @@ class Opened:
         else:
             self.given = ()
             self._asked = ()
+        self._names = [marker.name for marker in self.markers] if attended is not None else []
+        """Of a run that is going on: there will be no others."""
         self._camera: tuple[Settings, Camera, bool, str] | None = None
 
     def name_of(self, track: str) -> str:
@@ -196,7 +203,7 @@ class Opened:
 
     @property
     def settings(self) -> Settings:
-        """A recording's own; else those of the settings file, if there is one."""
+        """A recording's or a run's own; else those of the settings file, if there is one."""
         if self._settings is not None:
             return self._settings
         return load_settings(self.settings_path) if self.settings_path.exists() else Settings()
@@ -214,7 +221,7 @@ class Opened:
     ) -> None:
         """List a marker in the settings file, or give the one called `was` another name, diameter or colour."""
         if self._settings is not None:
-            raise UsageError("the markers of a recording are those it was tracked with: open the video for others")
+            raise UsageError("what is tracked has its markers already: open the video for others")
         if not _NAME.fullmatch(name):
             raise UsageError(f"the name {short(name)} has to be letters, digits and underscores")
         if was != name and name in (m.name for m in self.markers):
@@ -231,7 +238,7 @@ class Opened:
         if any(a.marker == name for a in self.answers.answers()):
             raise UsageError(f"{name} has answers: take them back first")
         if self._settings is not None:
-            raise UsageError("the markers of a recording are those it was tracked with")
+            raise UsageError("what is tracked has its markers already")
         self._write({"markers": [m.model_dump(exclude_none=True) for m in self.markers if m.name != name]})
 
     def set_preset(self, preset: str | None) -> None:
@@ -256,7 +263,7 @@ class Opened:
 
     def _set_camera(self, camera: dict[str, Any]) -> None:
         if self._settings is not None:
-            raise UsageError("the camera of a recording is the one it was tracked with: open the video for another")
+            raise UsageError("what is tracked has its camera already: open the video for another")
         before = self.settings
         kept = {"exposure_s": before.camera.exposure_s, "readout_s": before.camera.readout_s}
         changed = before.model_copy(update={"camera": CameraSettings(**camera, **kept)})
@@ -303,7 +310,7 @@ class Opened:
         if self.lanes is not None:
             names = list(self.lanes.by_marker)
         else:
-            names = list(dict.fromkeys(answer.marker for answer in answers))
+            names = self._names or list(dict.fromkeys(answer.marker for answer in answers))
         check_answers(answers, names, self.pictures.width_px, self.pictures.height_px)
 
     def unwritten(self) -> list[Answer]:

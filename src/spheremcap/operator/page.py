@@ -3,6 +3,8 @@
 import math
 import threading
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from fractions import Fraction
@@ -10,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from spheremcap import api
+from spheremcap.api import Asked
 from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import OperatorRequest, Status
 from spheremcap.core.frame import Frame
@@ -24,7 +27,8 @@ from spheremcap.operator.answers import kind_of
 from spheremcap.operator.desk import Desk
 from spheremcap.operator.lanes import CODES, State, state_of
 from spheremcap.operator.opened import Opened, Request
-from spheremcap.operator.words import MEANING, asked, failed
+from spheremcap.operator.words import MEANING, failed
+from spheremcap.operator.words import asked as asked_words
 from spheremcap.operator.work import Work
 from spheremcap.proposals import Proposal
 
@@ -54,6 +58,9 @@ class Page:
     def __init__(self, opened: Opened, author: str = "") -> None:
         self.author = author
         self.work = Work(self._news)
+        self.question: Asked | None = None
+        self._questions = 0
+        self._reply: Future[list[Answer]] = Future()
         self.version = 0
         """Grows with everything that is new."""
         self._changing = threading.Lock()
@@ -147,6 +154,7 @@ class Page:
             "answers": opened.answers.revision,
             "lanes": -1 if opened.lanes is None else opened.lanes.revision,
             "trial": self.trial is not None,
+            "asked": self._questions if self.question is not None else 0,
             "written": None if self.written is None else self.written.name,
             "job": asdict(job),
         }
@@ -165,7 +173,8 @@ class Page:
         opened = self.opened
         lanes = opened.lanes
         if lanes is None:
-            return {"known_to": opened.first, "revision": -1, "lanes": {}, "requests": []}
+            asked = [] if self.question is None else [_question_json(self.question)]
+            return {"known_to": opened.first, "revision": -1, "lanes": {}, "requests": asked}
         answers = opened.answers.answers()
         return {
             "known_to": min(lanes.known_to, opened.last + 1),
@@ -179,7 +188,7 @@ class Page:
         return {
             "number": request.number,
             "marker": first.marker,
-            "words": asked(first),
+            "words": asked_words(first),
             "reasons": failed(first.reasons),
             "first_unverified": first.frame_index,
             "raised": first.raised_at_frame_index,
@@ -232,8 +241,13 @@ class Page:
             answer = (Hidden if kind == "hidden" else Keep)(marker, first, last, who, now)
         else:
             raise UsageError(f"an answer is a circle, hidden or keep, not {kind!r}")
+        question = self.question
+        if question is not None:
+            question.check([answer])
         self.opened.answers.put(answer)
         self._show(answer)
+        if question is not None and answer.marker == question.request.marker:
+            self._answer_question([answer])
         self._news()
         return self.answers() | {"saved": _answer_json(answer)}
 
@@ -255,6 +269,28 @@ class Page:
         if lanes is not None and isinstance(answer, Hidden):
             frames = range(answer.frame_index, answer.to_frame_index + 1)
             lanes.correct(answer.marker, _known_by(answer), dict.fromkeys(frames, _HIDDEN))
+
+    # --- a run that waits ---
+
+    def put(self, question: Asked) -> Future[list[Answer]]:
+        """Ask the person about a marker of a run that is going on; what comes is the answer, or none for later."""
+        self._reply = Future()
+        self.question = question
+        self._questions += 1
+        self._news()
+        return self._reply
+
+    def later(self) -> None:
+        """Leave the question open. Raises UsageError when there is none."""
+        if self.question is None:
+            raise UsageError("nothing is asked just now")
+        self._answer_question([])
+        self._news()
+
+    def _answer_question(self, answers: list[Answer]) -> None:
+        self.question = None
+        with suppress(InvalidStateError):  # the run has ended meanwhile
+            self._reply.set_result(answers)
 
     # --- stretches ---
 
@@ -337,7 +373,7 @@ class Page:
     def track(self) -> None:
         """Track all markers through what is open, into a new recording beside it."""
         opened = self.opened
-        if opened.kind == "recording":
+        if opened.kind in ("recording", "attended"):
             raise UsageError("this is tracked already: answers change parts of it")
         answers = list(opened.answers.answers())
         stem = opened.path.with_suffix("").name
@@ -447,6 +483,23 @@ class Page:
             }
             for p in self._proposals
         ]
+
+
+def _question_json(asked: Asked) -> Json:
+    """A question of a run, as a request."""
+    request, last = asked.request, asked.last_measured
+    return {
+        "number": 0,
+        "marker": request.marker,
+        "words": asked_words(request),
+        "reasons": failed(request.reasons),
+        "first_unverified": request.frame_index,
+        "raised": request.raised_at_frame_index,
+        "last_verified": None if last is None else last.frame_index,
+        "end": None,
+        "answered": False,
+        "circle": None if last is None or last.circle is None else list(last.circle),
+    }
 
 
 def _known_by(answer: Answer) -> tuple[str, int]:

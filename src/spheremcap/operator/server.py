@@ -323,6 +323,7 @@ def application(page: Page) -> Starlette:
             post("/propose", doing(page.propose)),
             Route("/proposals", doing(page.proposed)),
             post("/stop", doing(page.work.stop)),
+            post("/later", doing(page.later)),
             Mount("/static", StaticFiles(directory=str(STATIC))),
         ],
         exception_handlers={SpheremcapError: refused, Outdated: outdated, HTTPException: http_error},

@@ -24,7 +24,7 @@ const S = {
   /** @type {any} */ trial: null,
   /** @type {any} */ snap: null,
   /** @type {any} */ job: null,
-  unwritten: 0, shown: -1, trialWanted: false,
+  unwritten: 0, shown: -1, asked: 0, seenByLanes: -1,
 };
 
 // --- saying things ---
@@ -308,7 +308,7 @@ function hide() {
 async function keep() {
   const r = S.requests[S.request];
   if (!r) { message("choose a request first: keep is its answer"); return; }
-  await answer({ kind: "keep", marker: r.marker, frame: r.first_unverified, to_frame: (r.end ?? S.session.last + 1) - 1 });
+  await answer({ kind: "keep", marker: r.marker, frame: r.first_unverified, to_frame: lastOf(r) });
 }
 
 // --- markers ---
@@ -325,7 +325,7 @@ function markers() {
     label.append(radio, chip(k), m.name, size);
     return label;
   }));
-  const fixed = s.kind === "recording";
+  const fixed = ["recording", "attended"].includes(s.kind);
   for (const id of ["marker-name", "marker-diameter", "marker-save"]) $(id).disabled = fixed;
   $("marker-form").hidden = fixed;
   form(S.marker);
@@ -439,9 +439,10 @@ async function takeLanes() {
 }
 
 function requests() {
-  $("requests").hidden = S.session.kind !== "recording";
+  $("requests").hidden = !["recording", "attended"].includes(S.session.kind);
+  $("later").hidden = S.session.kind !== "attended";
   const open = S.requests.filter((r) => !r.answered).length;
-  $("requests-left").textContent = S.requests.length ? `${open} of ${S.requests.length} open` : "none";
+  $("requests-left").textContent = S.requests.length ? `${open} of ${S.requests.length} open` : S.session.kind === "attended" ? "none now" : "none";
   $("request-list").replaceChildren(...S.requests.map((r, k) => {
     const item = document.createElement("li");
     const b = button(`${r.answered ? "✓ " : ""}${r.marker}, frame ${r.first_unverified}${r.end === null ? " to the end" : ` to ${r.end - 1}`}${r.answered ? " (answered)" : ""}`, () => select(k));
@@ -462,13 +463,13 @@ async function select(k) {
   choose(r.marker);
   go(r.first_unverified);
   $("request-words").textContent = r.words;
-  $("hide-all").textContent = `Not visible ${r.first_unverified}–${(r.end ?? S.session.last + 1) - 1}`;
-  const from = r.last_verified ?? r.first_unverified, to = Math.min(S.session.last, (r.end ?? r.raised + 30) - 1 + (r.end === null ? 0 : 1));
+  $("hide-all").textContent = `Not visible ${r.first_unverified}–${lastOf(r)}`;
+  const from = r.last_verified ?? r.first_unverified, to = Math.min(S.session.last, r.end ?? r.raised + 30);
   const said = await statesOf(Math.max(S.session.first, from), Math.min(to, from + 900));
   const states = said.states[r.marker] ?? [];
   /** @param {number} frame */
   const circleAt = (frame) => { for (let f = frame; f >= said.first; f--) { const c = states[f - said.first]?.[1]; if (c) return c; } return null; };
-  const seen = circleAt(from) ?? [S.session.width / 2, S.session.height / 2, S.session.height / 8];
+  const seen = circleAt(from) ?? r.circle ?? [S.session.width / 2, S.session.height / 2, S.session.height / 8];
   /** @param {HTMLImageElement} image @param {number} frame @param {string} alt */
   const crop = (image, frame, alt) => {
     const c = circleAt(frame) ?? seen;
@@ -491,11 +492,14 @@ async function select(k) {
   }));
 }
 
+/** The last frame that a request is about: nobody knows yet what comes of a run behind the one it waits on. @param {any} r */
+function lastOf(r) { return S.session.kind === "attended" ? r.raised : (r.end ?? S.session.last + 1) - 1; }
+
 function actions() {
   const s = S.session, busy = S.job?.ended === "";
-  $("track").hidden = s.kind === "recording";
+  $("track").hidden = ["recording", "attended"].includes(s.kind);
   $("track").disabled = busy || !S.answers.some((a) => a.kind === "circle");
-  $("propose").hidden = s.kind === "recording"; $("propose").disabled = busy;
+  $("propose").hidden = $("track").hidden; $("propose").disabled = busy;
   $("write").hidden = s.kind !== "recording" || !S.unwritten;
   $("write").disabled = busy;
   $("write").textContent = `Write new recording (${S.unwritten} answer${S.unwritten === 1 ? "" : "s"})`;
@@ -609,16 +613,26 @@ async function listen() {
       if (now.answers !== S.answersRevision) { takeAnswers(await get("/answers")); S.session = await get("/session"); markers(); }
       if (now.lanes !== S.lanesRevision || now.answers !== S.seenByLanes) { S.seenByLanes = now.answers; await takeLanes(); }
       if (now.trial !== Boolean(S.trial)) await takeTrial();
+      if (S.session.kind === "attended" && now.asked !== S.asked) await question(now.asked);
       actions();
       if (lost) { lost = false; message(""); }
     } catch (error) {
       lost = true;
-      message("The page has lost its program. All that it said is saved is on disk: start `spheremcap annotate` again.");
+      message(S.session.kind === "attended" ? "The run has ended: the terminal says how. All answers are in the seeds file." : "The page has lost its program. All that it said is saved is on disk: start `spheremcap annotate` again.");
       await new Promise((done) => setTimeout(done, 1500));
     }
   }
 }
 let lost = false;
+
+/** A run that is going on waits for an answer, or goes on. @param {number} asked */
+async function question(asked) {
+  const open = S.request === 0 && S.asked === 0; // a reload has brought it back
+  S.asked = asked;
+  await takeLanes();
+  if (asked) { saved("saving", "Tracking waits for your answer"); if (!open) await select(0); }
+  else { S.request = -1; requests(); saved("done", "Tracking goes on; the next question comes by itself"); }
+}
 
 /** @param {any} now */
 function job(now) {
@@ -645,10 +659,10 @@ async function boot() {
   const again = S.session !== null;
   S.session = s;
   pictures.forget();
-  S.blocks.clear(); S.lanes = {}; S.requests = []; S.request = -1; S.lanesRevision = -2; S.trial = null; S.shown = -1;
+  S.blocks.clear(); S.lanes = {}; S.requests = []; S.request = -1; S.lanesRevision = -2; S.trial = null; S.shown = -1; S.asked = 0;
   document.title = `${s.name} – spheremcap`;
   $("name").textContent = s.name;
-  $("kind").textContent = { video: "video", log: "recording without markers", recording: "tracked recording" }[/** @type {"video"} */ (s.kind)];
+  $("kind").textContent = { video: "video", log: "recording without markers", recording: "tracked recording", attended: "is being tracked" }[/** @type {"video"} */ (s.kind)];
   $("seeds-file").textContent = s.seeds_file;
   if (!again) $("author").value = localStorage.getItem("author") ?? s.author;
   $("frame").min = s.first; $("frame").max = s.last;
@@ -673,7 +687,7 @@ async function boot() {
 }
 
 function camera() {
-  const c = S.session.camera, fixed = S.session.kind === "recording";
+  const c = S.session.camera, fixed = ["recording", "attended"].includes(S.session.kind);
   const metres = c.metric ? (c.focal_sd ? `Distances are good to about ${(c.focal_sd * 100).toFixed(1)} %.` : "Distances rest on this calibration.") : "Circles are had, metres are not.";
   $("camera-note").textContent = `${c.note}. ${metres}${fixed ? " It is the one that the recording was tracked with." : ""}`;
   $("preset").value = c.preset ?? "";
@@ -694,7 +708,8 @@ on("stop", () => attempt(() => post("/stop")));
 on("track", () => attempt(() => post("/track"))); on("write", () => attempt(() => post("/write")));
 on("open-written", () => attempt(() => post("/open-written")));
 on("propose", () => attempt(() => post("/propose")));
-on("give-circle", newCircle); on("hide-all", () => { const r = S.requests[S.request]; if (r) saveHidden(r.first_unverified, (r.end ?? S.session.last + 1) - 1); }); on("keep", keep);
+on("give-circle", newCircle); on("later", () => attempt(() => post("/later")));
+on("hide-all", () => { const r = S.requests[S.request]; if (r) saveHidden(r.first_unverified, lastOf(r)); }); on("keep", keep);
 on("see-last", () => { const r = S.requests[S.request]; if (r?.last_verified !== null) go(r.last_verified); });
 on("see-first", () => go(S.requests[S.request].first_unverified));
 on("help", () => $("keys").showModal());
@@ -756,6 +771,7 @@ document.addEventListener("keydown", (e) => {
     g: () => { $("frame").focus(); $("frame").select(); }, t: () => { $("time").focus(); $("time").select(); },
     d: () => jumpDoubtful(way), r: () => jumpRequest(way), s: () => jumpAnswer(way),
     m: () => { const names = S.session.markers.map((/** @type {any} */ m) => m.name); if (names.length) choose(names[(names.indexOf(S.marker) + way + names.length) % names.length]); },
+    l: () => { if (S.session.kind === "attended") $("later").click(); },
     c: newCircle, x: snap, Enter: saveCircle, h: hide, k: keep, y: () => trackAgain(), a: accept,
     Escape: () => { if (S.trial) discard(); else if (S.hiddenFrom !== null) setHiddenFrom(null); }, Backspace: () => draft(null), Delete: () => draft(null),
     "+": () => view.zoom(1.5), "=": () => view.zoom(1.5), "-": () => view.zoom(1 / 1.5), 0: () => view.fit(), z: zoomCircle, "?": () => $("keys").showModal(),
