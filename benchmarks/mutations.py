@@ -11,7 +11,8 @@ Faults up to 34 have the numbers of a reader's review of an early version, which
 they, in their present form. From 101 on they are of chain, status, checks, session, optics, whereabouts, verifier and
 follower, from 181 on of what edges, outline and filter make of what they know beforehand, from 211 on of shading,
 softness, exposure and returns, from 231 on of size, what is hidden, what is elsewhere and pixels, from 301 on of merge,
-from 401 on of output files and of how runs end, from 501 on of what comes from outside.
+from 401 on of output files and of how runs end, from 501 on of what comes from outside, from 601 on of what a person's
+answers change.
 """
 
 import argparse
@@ -56,6 +57,8 @@ KILLS = "tests/abuse/test_kills.py"
 SIZE, MATCHING = "tests/positioning/test_size.py", "tests/verification/test_matching.py"
 ASPECT = "tests/detection/test_aspect.py"
 SPHERE, KALMAN = "tests/positioning/test_sphere.py", "tests/positioning/test_kalman.py"
+STRETCH, RETRACK = "tests/test_stretch.py", "tests/corrections/test_retrack.py"
+ATTENDED = "tests/corrections/test_attended.py"
 
 PLACEMENT = "tests/merging/test_placement.py"
 TIMES = "tests/merging/test_times.py"
@@ -1104,6 +1107,167 @@ FAULTS = (
     Fault(
         531, "seeds: those before the first picture are found late", "api.py",
         "if seed.frame_index < source.first_index:", "if seed.frame_index < 0:", (INPUTS,),
+    ),
+    Fault(
+        601, "stretch: any two circles are a meeting", "stretch.py",
+        "return one.circle.dice(other.circle) >= _MEETS_DICE", "return True", (STRETCH,),
+    ),
+    Fault(602, "stretch: meets a track much aside", "stretch.py", "_MEETS_DICE = 0.8", "_MEETS_DICE = 0.5", (STRETCH,)),
+    Fault(603, "stretch: four frames are enough", "stretch.py", "_MEETS_FRAMES = 5", "_MEETS_FRAMES = 4", (STRETCH,)),
+    Fault(
+        604, "stretch: what is only estimated is met", "stretch.py",
+        "if one.circle is None or other.circle is None or not (one.status.measured and other.status.measured):",
+        "if one.circle is None or other.circle is None:", (STRETCH,),
+    ),
+    Fault(
+        605, "stretch: one frame of disagreement is forgotten", "stretch.py",
+        "            self.frames.clear()\n", "            pass\n", (STRETCH,),
+    ),
+    Fault(
+        606, "stretch: time is not mirrored", "stretch.py",
+        "mirrored.stamp_ns = twice_ns - frame.stamp_ns", "mirrored.stamp_ns = frame.stamp_ns", (STRETCH,),
+    ),
+    Fault(
+        607, "stretch: velocities of mirrored time", "stretch.py",
+        "velocity_cam_mps=None if velocity is None else -velocity,", "velocity_cam_mps=velocity,", (STRETCH,),
+    ),
+    Fault(
+        608, "stretch: smoothed velocities of mirrored time", "stretch.py",
+        "velocity_cam_mps=-pose.velocity_cam_mps)", "velocity_cam_mps=pose.velocity_cam_mps)", (STRETCH,),
+    ),
+    Fault(
+        609, "stretch: the shutter rolls forwards in mirrored time", "stretch.py",
+        "None if terms.readout_s is None else -terms.readout_s", "terms.readout_s", (STRETCH,),
+    ),
+    Fault(
+        610, "stretch: stamps of mirrored time are handed out", "stretch.py",
+        "    stamp_ns = twice_ns - result.stamp_ns\n", "    stamp_ns = result.stamp_ns\n", (STRETCH,),
+    ),
+    Fault(
+        611, "hidden: the last frame is not", "core/marker.py",
+        "return self.frame_index <= frame_index <= self.to_frame_index",
+        "return self.frame_index <= frame_index < self.to_frame_index", (STRETCH, "tests/test_session_run.py"),
+    ),
+    Fault(
+        612, "hidden: the first frame is not", "core/marker.py",
+        "return self.frame_index <= frame_index <= self.to_frame_index",
+        "return self.frame_index < frame_index <= self.to_frame_index", (STRETCH, "tests/test_session_run.py"),
+    ),
+    Fault(
+        613, "stretch: backwards through what is hidden", "stretch.py",
+        "if any(index in hidden for hidden in self._corrected.hidden):", "if False:", (STRETCH,),
+    ),
+    Fault(
+        614, "stretch: backwards beyond where it is lost", "stretch.py",
+        "if not estimate.status.tracked:", "if False:", (STRETCH, RETRACK),
+    ),
+    Fault(
+        615, "stretch: backwards all is believed that was found elsewhere", "stretch.py",
+        "astray = astray or (measured and proposer == _ELSEWHERE)", "astray = False", (STRETCH, RETRACK),
+    ),
+    Fault(
+        616, "stretch: forwards on to the next circle", "stretch.py",
+        "last = self._borders[k] - 1 if", "last = self._borders[k] if", (STRETCH,),
+    ),
+    Fault(
+        617, "stretch: backwards on to the circle before", "stretch.py",
+        "for index in range(start, last, -1):", "for index in range(start, last - 1, -1):", (STRETCH,),
+    ),
+    Fault(
+        618, "stretch: the frames of a meeting are its own", "stretch.py",
+        "            stretch.leave(meeting.frames)\n        else:", "            pass\n        else:", (STRETCH,),
+    ),
+    Fault(
+        619, "stretch: another marker is believed where a person says this one is", "stretch.py",
+        "_ASTRAY = 1 / 3", "_ASTRAY = 2", (STRETCH,),
+    ),
+    Fault(
+        620, "stretch: nobody else's places are known", "stretch.py",
+        "and e.status.measured and _range_m(e, terms) < range_m]", "and False]", (STRETCH,),
+    ),
+    Fault(
+        621, "stretch: an earlier one goes before a later one", "stretch.py",
+        "for stretch in reversed(self.stretches) if", "for stretch in self.stretches if", (STRETCH,),
+    ),
+    Fault(
+        622, "session: a marker is looked for where it is hidden", "session.py",
+        "() if item[1].hides(frame) else item[1].chain.look(frame)", "item[1].chain.look(frame)",
+        ("tests/test_session_run.py",),
+    ),
+    Fault(
+        623, "session: smoothing through what is hidden", "session.py",
+        "if moment is not None and self._metric and not hidden:", "if moment is not None and self._metric:",
+        ("tests/test_session_run.py",),
+    ),
+    Fault(
+        624, "corrections: what answers made is not taken back", "corrections/rewriting.py",
+        "            if is_answered(raw.channel.metadata):\n                return iter(())\n", "", (RETRACK,),
+    ),
+    Fault(
+        625, "corrections: a chunk with what answers made is copied", "corrections/rewriting.py",
+        'if any(role == "late" for role, _ in ours) or', "if", (RETRACK,),
+    ),
+    Fault(
+        626, "corrections: paths end where a stretch does", "corrections/rewriting.py",
+        "trail_ns = TRAIL_NS if self.run.metric else 0", "trail_ns = 0", (RETRACK,),
+    ),
+    Fault(
+        627, "corrections: old messages of a marker stay", "corrections/rewriting.py",
+        'if role == "marker" and self._corrected[marker].at(index) is not None:', "if False:", (RETRACK,),
+    ),
+    Fault(
+        628, "corrections: no request is answered by a circle", "corrections/told.py",
+        "there += [stretch.answer for stretch in stretches if request not in stretch.requests]", "pass", (RETRACK,),
+    ),
+    Fault(
+        629, "corrections: stamps of the input, not of the recording", "corrections/footage.py",
+        "            frame.stamp_ns += self._shift_ns\n", "            pass\n", (RETRACK,),
+    ),
+    Fault(
+        630, "corrections: any input of that size will do", "corrections/footage.py",
+        'if fingerprint(path)[1] != facts.get("input_sha256"):', "if False:", (RETRACK,),
+    ),
+    Fault(
+        631, "corrections: pictures that were encoded again pass for the input's", "corrections/footage.py",
+        'run.facts.get("video", "").startswith("video passed through")', "True", (RETRACK,),
+    ),
+    Fault(
+        632, "corrections: another first circle is taken", "corrections/run.py",
+        "if any(one.circle != seed.circle for one in same):", "if False:", (RETRACK,),
+    ),
+    Fault(
+        633, "corrections: LOST at the end stays said", "corrections/job.py",
+        'lines = [line for line in lines if not line.startswith(f"{place}{one.marker} is LOST at the end")]', "pass",
+        (RETRACK,),
+    ),
+    Fault(
+        634, "rewrite: message indexes are not moved", "io/rewrite.py",
+        "{id_: start + place for id_, (place, _) in indexes.items()}",
+        "{id_: place for id_, (place, _) in indexes.items()}", (RETRACK,),
+    ),
+    Fault(
+        635, "rewrite: channels of a chunk that is written anew are not defined in it", "io/rewrite.py",
+        "ids = dict.fromkeys([*defined, *(message.channel_id for message in messages)])",
+        "ids = dict.fromkeys(message.channel_id for message in messages)", (RETRACK,),
+    ),
+    Fault(
+        636, "attended: the answer's own frame is left out", "attended.py",
+        "for index in range(seed.frame_index, now.index + 1):",
+        "for index in range(seed.frame_index + 1, now.index + 1):", (ATTENDED,),
+    ),
+    Fault(
+        637, "attended: asked for where a person says that it is hidden", "attended.py",
+        "if any(h.marker == request.marker and request.raised_at_frame_index in h for h in self._hidden):", "if False:",
+        (ATTENDED,),
+    ),
+    Fault(
+        638, "attended: the base is asked for although its marker is followed", "attended.py",
+        "for request in base.requests if request.marker not in self._live)", "for request in base.requests)",
+        (ATTENDED,),
+    ),
+    Fault(
+        639, "track: answers beyond the end leave the base", "api.py",
+        "        base.unlink(missing_ok=True)\n        raise\n", "        raise\n", (RETRACK,),
     ),
 )  # fmt: skip
 

@@ -11,13 +11,13 @@ from spheremcap.chain import ChainConfig
 from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import Status
 from spheremcap.core.frame import BgrFrame
-from spheremcap.core.marker import MarkerSpec, Seed
+from spheremcap.core.marker import Hidden, Keep, MarkerSpec, Seed
 from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import UsageError
-from spheremcap.session import Session, SessionConfig
+from spheremcap.session import HIDDEN, Session, SessionConfig
 
 MARKERS = (MarkerSpec("wrist", 2 * RADIUS_M), MarkerSpec("elbow", 2 * RADIUS_M))
-HIDDEN = range(12, 20)  # the wrist's
+GONE = range(12, 20)  # the wrist's
 
 
 def wrist(i):
@@ -71,7 +71,7 @@ def plain_run():
 
 @lru_cache(maxsize=1)
 def hidden_run():
-    return tuple(session().run(frames(28, HIDDEN)))
+    return tuple(session().run(frames(28, GONE)))
 
 
 # -- frames and markers ----------------------------------------------------------------------------
@@ -163,7 +163,7 @@ def test_the_number_of_threads_changes_nothing(threads):
     """Looks run side by side; deciding and learning go in order, nearest first."""
 
     def run(count):
-        return list(session(threads=count, keep_view=lambda e: True).run(frames(24, HIDDEN)))
+        return list(session(threads=count, keep_view=lambda e: True).run(frames(24, GONE)))
 
     for a, b in zip(run(1), run(threads), strict=True):
         assert a.requests == b.requests
@@ -318,7 +318,7 @@ def test_the_other_marker_does_not_notice():
 
 
 def test_the_lost_marker_is_found_again_without_a_person():
-    after = of(hidden_run(), "wrist")[HIDDEN.stop + 3 :]
+    after = of(hidden_run(), "wrist")[GONE.stop + 3 :]
     assert all(e.status is Status.VERIFIED for e in after)
 
 
@@ -434,3 +434,73 @@ def test_a_request_names_the_first_unverified_frame_when_numbers_have_gaps():
     requests = [q for r in lone().run(given) for q in r.requests]
     assert len(requests) == 1
     assert requests[0].frame_index == 16
+
+
+# -- hidden ----------------------------------------------------------------------------------------
+
+
+def test_a_marker_that_a_person_calls_hidden_is_not_looked_for():
+    """It is in plain view: who says that it is not is believed, on these frames and no others."""
+    told = Hidden("wrist", 12, 19)
+    results = list(session((*BOTH, told)).run(frames(30)))
+    for estimate in of(results, "wrist"):
+        if 12 <= estimate.frame_index <= 19:
+            assert (estimate.status, estimate.reasons) == (Status.OUT_OF_VIEW, (HIDDEN,))
+            assert estimate.answer_frame == 12
+            assert (estimate.circle, estimate.claim, estimate.xyz_cam_m, estimate.votes) == (None, None, None, ())
+        else:
+            assert HIDDEN not in estimate.reasons
+            assert estimate.answer_frame is None
+    assert [e.status for e in of(results, "wrist")[23:]] == [Status.VERIFIED] * 7
+    assert not [q for r in results for q in r.requests]
+    assert not [p for r in results[12:20] for p in r.smoothed if p.marker == "wrist"]
+    assert all(e.status.measured for e in of(results, "elbow"))
+
+
+def test_one_that_is_not_found_after_it_was_hidden_is_asked_for_from_there_on():
+    results = list(lone(Hidden("wrist", 8, 20)).run(frames(30, range(8, 30))))
+    requests = [q for r in results for q in r.requests]
+    assert [(q.frame_index, q.raised_at_frame_index) for q in requests] == [(21, 21)]
+    assert "not found where it is no longer hidden" in requests[0].reason
+
+
+def test_a_circle_where_a_person_says_hidden_is_refused():
+    for frame, told in ((12, Hidden("wrist", 12, 19)), (19, Hidden("wrist", 12, 19))):
+        with pytest.raises(UsageError, match=f"wrist has a circle on frame {frame} and is hidden from frame 12 to 19"):
+            session((*BOTH, seed("wrist", frame), told))
+    session((*BOTH, seed("wrist", 11), seed("wrist", 20), seed("elbow", 15), Hidden("wrist", 12, 19)))
+
+
+def test_what_is_kept_changes_nothing():
+    kept = list(session((*BOTH, Keep("wrist", 2, 9)), lag=4).run(frames(11)))
+    assert [[(e.status, e.circle) for e in r.estimates] for r in kept] == [
+        [(e.status, e.circle) for e in r.estimates] for r in session(lag=4).run(frames(11))
+    ]
+
+
+def test_a_session_is_told_what_markers_of_another_one_hide():
+    """The wrist's place is taken on frame 5 by one that is nearer than itself, on frame 6 by one that is farther."""
+    asked = []
+
+    def others(frame_index, range_m):
+        asked.append((frame_index, range_m))
+        near = {5: 0.5, 6: 1.5}.get(frame_index, 9.0)
+        return [truth(wrist(frame_index))] if near < range_m else []
+
+    results = list(lone(others=others).run(frames(9)))
+    assert [e.reasons for e in of(results, "wrist")] == [("covered",) if i == 5 else () for i in range(9)]
+    assert [i for i, _ in asked] == list(range(1, 9))
+    assert all(0.8 < range_m < 1.0 for _, range_m in asked)
+
+
+def test_the_latest_result_is_that_of_the_frame_just_taken():
+    one = lone(lag=3)
+    seen = []
+
+    def source():
+        for frame in frames(8):
+            yield frame
+            seen.append((one.latest.frame_index, one.latest.estimates[0].circle))
+
+    results = list(one.run(source()))
+    assert seen == [(r.frame_index, r.estimates[0].circle) for r in results]

@@ -7,14 +7,14 @@ __version__ = "0.1.0"
 
 
 _HOMES = {
-    "api": ["TrackReport", "track"],
+    "api": ["RetrackReport", "TrackReport", "retrack", "stretch_of", "track"],
     "chain": ["ChainConfig", "MarkerChain"],
     "config": ["Settings", "load_seeds", "load_settings"],
     "core.camera": ["Camera"],
     "core.circle": ["Circle"],
     "core.estimate": ["FrameResult", "MarkerEstimate", "Status"],
     "core.frame": ["Frame"],
-    "core.marker": ["MarkerSpec", "Seed"],
+    "core.marker": ["Answer", "Hidden", "Keep", "MarkerSpec", "Seed"],
     "core.vote": ["Verdict", "Vote"],
     "errors": ["SpheremcapError"],
     "io.mcap_images": ["McapImageSource"],

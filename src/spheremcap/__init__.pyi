@@ -1,6 +1,9 @@
 """The public names with their types; `__init__.py` loads each when it is first asked for."""
 
+from spheremcap.api import RetrackReport as RetrackReport
 from spheremcap.api import TrackReport as TrackReport
+from spheremcap.api import retrack as retrack
+from spheremcap.api import stretch_of as stretch_of
 from spheremcap.api import track as track
 from spheremcap.chain import ChainConfig as ChainConfig
 from spheremcap.chain import MarkerChain as MarkerChain
@@ -13,6 +16,9 @@ from spheremcap.core.estimate import FrameResult as FrameResult
 from spheremcap.core.estimate import MarkerEstimate as MarkerEstimate
 from spheremcap.core.estimate import Status as Status
 from spheremcap.core.frame import Frame as Frame
+from spheremcap.core.marker import Answer as Answer
+from spheremcap.core.marker import Hidden as Hidden
+from spheremcap.core.marker import Keep as Keep
 from spheremcap.core.marker import MarkerSpec as MarkerSpec
 from spheremcap.core.marker import Seed as Seed
 from spheremcap.core.vote import Verdict as Verdict

@@ -1,51 +1,79 @@
-"""The jobs of spheremcap as functions: track a video into a recording, merge recordings and sensor files, open what
-came out. Wires io to the session.
+"""The jobs of spheremcap as functions: track a video into a recording, correct one by what a person answers, merge
+recordings and sensor files, open what came out. Wires io to the session.
 """
 
-import hashlib
 import heapq
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
+from copy import copy
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
 from pydantic import ValidationError
 
+from spheremcap.attended import Asked, Attended, Operator
 from spheremcap.config import CameraSettings, MarkerSettings, Settings, seeds_toml
 from spheremcap.core.camera import Camera
+from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import FrameResult, MarkerEstimate, Status
 from spheremcap.core.frame import BgrImage, EncodedPicture, Frame
-from spheremcap.core.marker import Seed
+from spheremcap.core.marker import Answer, MarkerSpec, Seed
 from spheremcap.core.presets import PRESETS, assumed_camera
 from spheremcap.core.time import NS_PER_S, format_time
+from spheremcap.corrections import job
+from spheremcap.corrections.job import RetrackReport
+from spheremcap.corrections.run import camera_fact
+from spheremcap.corrections.told import lost_marker
 from spheremcap.detection.aspect import pixel_aspect
 from spheremcap.errors import UsageError
+from spheremcap.found import Found, assign
+from spheremcap.io import overlays
 from spheremcap.io.ahead import ahead, in_order
 from spheremcap.io.calibration import read_camera_info
 from spheremcap.io.encode import H264Encoder, jpeg_encode
+from spheremcap.io.folder import PictureFolder
 from spheremcap.io.join import Join
+from spheremcap.io.mcap_images import McapImageSource
 from spheremcap.io.mcap_log import McapLog, RunInfo
 from spheremcap.io.output import SharedWriter, checked_output, open_output
+from spheremcap.io.pictures import Pictures, open_pictures
 from spheremcap.io.recording import Recording, open
 from spheremcap.io.source import Source as FrameSource
-from spheremcap.io.sources import CameraView, FromMcap, open_input
+from spheremcap.io.sources import CameraView, FromMcap, fingerprint, open_input
 from spheremcap.io.video import VideoSource
 from spheremcap.merging.dataset import Dataset, Source, merge
-from spheremcap.session import Session
+from spheremcap.proposals import Proposal
+from spheremcap.proposals import propose as proposed_on
+from spheremcap.session import Session, check_answers
+from spheremcap.snap import Snap, snapped
+from spheremcap.stretch import Stretch, Terms, base_seeds
 
 __all__ = [
+    "Asked",
     "Dataset",
+    "Found",
+    "Operator",
+    "Proposal",
     "Recording",
+    "RetrackReport",
+    "Snap",
     "Source",
+    "Stretch",
     "TrackReport",
+    "find",
     "merge",
     "open",
+    "propose",
     "resolve_camera",
+    "retrack",
+    "snap",
+    "stretch_of",
     "track",
 ]
 
@@ -141,9 +169,10 @@ def resolve_camera(
     return camera, True, note
 
 
-def aspect_of(source: FrameSource, seeds: Sequence[Seed]) -> tuple[float, str]:
+def aspect_of(source: FrameSource, answers: Sequence[Answer]) -> tuple[float, str]:
     """How much wider than high a video's pixels are, and who says so: the video, else the outline of its first seed, if
     that is among the first `_AHEAD` frames and plainly that of an ellipse. Without seeds the video alone is asked."""
+    seeds = (answer for answer in answers if isinstance(answer, Seed))
     first = min(seeds, key=lambda seed: seed.frame_index, default=None)
     if first is None or first.frame_index > _AHEAD or source.pixel_aspect != 1 or not isinstance(source, VideoSource):
         return source.pixel_aspect, "as the video says"
@@ -158,11 +187,93 @@ def aspect_of(source: FrameSource, seeds: Sequence[Seed]) -> tuple[float, str]:
     return 1.0, ""
 
 
+def snap(
+    frame: Frame, circle: Circle, settings: Settings, camera: Camera | None = None, *, diameter_m: float = 0.04
+) -> Snap:
+    """A person's circle (pixels) as the chain would start from it, and what it learns there; nothing is kept.
+
+    `camera` is the one for these pictures (see `resolve_camera`): without one there are no metres. Raises UsageError
+    for a circle that is not in the picture.
+    """
+    assumed = assumed_camera(frame.width_px, frame.height_px)
+    return snapped(
+        frame, circle, MarkerSpec("marker", diameter_m), camera or assumed, settings.chain,
+        metric=camera is not None, exposure_s=settings.camera.exposure_s, readout_s=settings.camera.readout_s,
+    )  # fmt: skip
+
+
+def propose(frames: Iterable[Frame], settings: Settings, camera: Camera | None = None) -> list[Proposal]:
+    """What may be a coloured marker on frames in a row, such as those of a video's first seconds: the likeliest first.
+
+    `camera` as for `snap`. The frames are gone through once, one at a time; of a single one nothing is known of how
+    things move on it.
+    """
+    given = iter(frames)
+    first = next(given, None)
+    if first is None:
+        return []
+    chosen = camera or assumed_camera(first.width_px, first.height_px)
+    return proposed_on(chain([first], given), chosen, settings.chain)
+
+
+def find(
+    source_path: str | os.PathLike[str],
+    settings: Settings,
+    answers: Sequence[Answer] = (),
+    *,
+    folder: Path = Path(),
+    start_time_ns: int | None = None,
+    rate: Fraction | None = None,
+    mcap: FromMcap | None = None,
+    progress: Progress = lambda done, total: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Found:
+    """Look for the markers that no answer seeds in the first `settings.auto.seconds`: those that the settings list, by
+    the colours that these give them; all coloured spheres where they list none.
+
+    Its seeds and settings are for `track`, which is told of it as `found`. What is `unclear` has to be seeded by a
+    person first. The other parameters are those of `track`; where `stop` says so, what was seen until then counts.
+    Raises SpheremcapError, UsageError also where nothing was found.
+    """
+    if answers and not settings.markers:
+        raise UsageError(
+            "--auto beside seeds: which markers are still to be found? List all in a settings file, with their colours"
+        )
+    path, seconds = Path(source_path), settings.auto.seconds
+    with open_input(path, mcap, start_time_ns=start_time_ns, rate=rate, packets=False) as given:
+        if len(given.views) > 1:
+            topics = ", ".join(view.source.topic for view in given.views)
+            raise UsageError(f"{path}: --auto looks at one camera, here are {topics}: choose one with --topic, or seed")
+        source = given.views[0].source
+        beside = None if settings.camera.given else source.calibration
+        camera, _, _ = resolve_camera(
+            settings.camera, source.width_px, source.height_px, folder, beside, source.pixel_aspect
+        )
+        shown: list[int] = []
+
+        def frames() -> Iterator[Frame]:
+            end_ns: int | None = None
+            for frame in source.frames():
+                end_ns = frame.stamp_ns + round(seconds * NS_PER_S) if end_ns is None else end_ns
+                if frame.stamp_ns >= end_ns or stop():
+                    return
+                shown.append(frame.index)
+                progress(len(shown), None)
+                yield frame
+
+        proposals = propose(frames(), settings, camera)
+    where = f"in the first {seconds:g} s (frames {shown[0]} to {shown[-1]})" if shown else "as there are no frames"
+    try:
+        return assign(proposals, settings, answers, where)
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from error
+
+
 def track(
     source_path: str | os.PathLike[str],
     output: str | os.PathLike[str],
     settings: Settings,
-    seeds: Sequence[Seed],
+    seeds: Sequence[Answer],
     *,
     folder: Path = Path(),
     inputs: Sequence[Path] = (),
@@ -170,17 +281,22 @@ def track(
     start_time_ns: int | None = None,
     rate: Fraction | None = None,
     mcap: FromMcap | None = None,
+    operator: Operator | None = None,
+    found: Found | None = None,
     progress: Progress = lambda done, total: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> TrackReport:
     """Track every marker through a video, or through image topics of an MCAP, and write the annotated recording.
 
-    Markers that only the seeds name get the default diameter. With several image topics, each is a camera of its
-    own, and a seed's marker is named after the camera's topic: `front/left_wrist` is on /front/image. `folder` is
-    where relative paths in the settings start, `inputs` the files that settings and seeds came from: the output must be
-    none of them. `start_time_ns` is for videos and folders of pictures, `rate` (pictures a second) for folders, `mcap`
-    for recordings. `stop` is asked before every frame and ends the recording there, readable under OUT.part. Raises
-    SpheremcapError.
+    A marker's first seed is where its track begins; what comes after it in `seeds` are answers, for which the frames
+    are gone over once more when all have been tracked, as `retrack` does it. Markers that only the seeds name get the
+    default diameter. With several image topics, each is a camera of its own, and a seed's marker is named after the
+    camera's topic: `front/left_wrist` is on /front/image. `folder` is where relative paths in the settings start,
+    `inputs` the files that settings and seeds came from: the output must be none of them. `start_time_ns` is for videos
+    and folders of pictures, `rate` (pictures a second) for folders, `mcap` for recordings. `operator` is asked at each
+    request, and tracking waits for it; without one, requests are only written. `found` is where seeds came from that
+    nobody gave (`find`): its words go into the recording. `stop` is asked before every frame and ends the recording
+    there, readable under OUT.part. Raises SpheremcapError.
     """
     path, out = Path(source_path), Path(output)
     given_files = [path, *inputs] + ([folder / settings.camera.file] if settings.camera.file is not None else [])
@@ -188,8 +304,8 @@ def track(
     packets = settings.output.video in ("auto", "passthrough")
     with open_input(path, mcap, start_time_ns=start_time_ns, rate=rate, packets=packets) as given:
         report = TrackReport(out)
-        shared = RunInfo(path.name, *_fingerprint(path))
-        cameras = [_Camera(*one, folder, shared) for one in _by_camera(given.views, settings, seeds)]
+        shared = RunInfo(path.name, *fingerprint(path))
+        cameras = [_Camera(*one, folder, shared, found) for one in _by_camera(given.views, settings, seeds)]
         hints = [view.source.frame_count_hint for view in given.views]
         done, expected = 0, sum(hint or 0 for hint in hints) if all(hints) else None
 
@@ -208,6 +324,8 @@ def track(
             copy = Join(writer, given.streams, lambda written: not stop())
             for camera in cameras:
                 logs.enter_context(camera.begin(writer))
+                if operator is not None:
+                    camera.attend(operator, logs)
             last_ns = 0
             steps = [logs.enter_context(closing(camera.steps(go_on))) for camera in cameras]
             with in_order() as writing:
@@ -220,19 +338,111 @@ def track(
             if not report.stopped:
                 copy.rest()
                 report.stopped = copy.stopped
-            writer.complete = not report.stopped
+            seeds = [*seeds, *(answer for camera in cameras for answer in camera.answers)]
+            answered = len(base_seeds(seeds)) < len(seeds) and not report.stopped
+            writer.complete = not report.stopped and not answered
             report.part = writer.part if report.stopped and writer.counts else None
             report.notes += writer.notes
         report.lost = given.lost() + report.lost
+    if answered and writer.part is not None:
+        _answer(report, writer.part, path, seeds, given_files, overwrite, progress, stop)
     return report
+
+
+def _answer(
+    report: TrackReport, base: Path, source: Path, seeds: Sequence[Answer], inputs: Sequence[Path], overwrite: bool,
+    progress: Progress, stop: Callable[[], bool],
+) -> None:  # fmt: skip
+    """The second half of `track` where there are answers: `base` becomes the output with them, and goes."""
+    try:
+        done = job.retrack(
+            base, report.output, seeds, source=source, checked=True, view_keeper=_view_keeper, inputs=inputs,
+            overwrite=overwrite, progress=progress, stop=stop,
+        )  # fmt: skip
+    except UsageError:
+        base.unlink(missing_ok=True)
+        raise
+    if done.stopped:
+        if done.part is not None:
+            done.part.unlink(missing_ok=True)
+        report.stopped, report.part = True, base
+        return
+    base.unlink(missing_ok=True)
+    for name, counts in done.statuses.items():
+        report.statuses[name].update(counts)
+        report.statuses[name] = +report.statuses[name]
+    report.requests = done.requests
+    report.notes += done.stretches
+    report.lost = list(dict.fromkeys(done.lost))
+
+
+def retrack(
+    recording: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    answers: Sequence[Answer],
+    *,
+    source: str | os.PathLike[str] | None = None,
+    inputs: Sequence[Path] = (),
+    overwrite: bool = False,
+    progress: Progress = lambda done, total: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> RetrackReport:
+    """Put a person's answers into a recording of `track`: what they change is tracked again, all else is copied.
+
+    `answers` are all that hold, those that are in the recording already too: what is not among them is taken back. The
+    circles that the recording began with need not be. What comes out has the same messages as `track` with all answers
+    at once. Where the pictures in the recording are not those of the input, the input is needed: beside the recording,
+    or as `source`. `inputs` are further files that the output must not be. `progress` gets the number of frames that
+    were tracked again. Raises SpheremcapError.
+    """
+    return job.retrack(
+        Path(recording), Path(output), answers, source=None if source is None else Path(source), checked=False,
+        view_keeper=_view_keeper, inputs=inputs, overwrite=overwrite, progress=progress, stop=stop,
+    )  # fmt: skip
+
+
+def stretch_of(
+    recording: str | os.PathLike[str],
+    answer: Seed,
+    *,
+    others: Sequence[Answer] = (),
+    source: str | os.PathLike[str] | None = None,
+    progress: Progress = lambda done, total: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Stretch:
+    """What `retrack` would make of one more circle, beside the answers that the recording has and `others`; nothing is
+    written. Where `stop` said so, the stretch ends there. Raises SpheremcapError.
+    """
+    done = 0
+
+    def go_on() -> bool:
+        nonlocal done
+        done += 1
+        progress(done, None)
+        return not stop()
+
+    where = None if source is None else Path(source)
+    return job.stretch_of(Path(recording), answer, others=others, source=where, view_keeper=_view_keeper, go_on=go_on)
 
 
 class _Camera:
     """One camera: its pictures go through its session, and what comes out into its part of the recording."""
 
-    def __init__(self, view: CameraView, settings: Settings, seeds: Sequence[Seed], folder: Path, run: RunInfo) -> None:
+    def __init__(
+        self,
+        view: CameraView,
+        settings: Settings,
+        seeds: Sequence[Answer],
+        folder: Path,
+        run: RunInfo,
+        found: Found | None,
+    ) -> None:
         source = view.source
         self._view, self._output = view, settings.output
+        self._attended: Attended | None = None
+        self.answers: list[Answer] = []
+        """Those that were given while it ran, by the names that they have in a seeds file."""
+        begun = base_seeds(seeds)
         last = source.frame_count_hint
         for seed in seeds:
             if last is not None and seed.frame_index >= last:
@@ -248,14 +458,17 @@ class _Camera:
         beside = None if settings.camera.given else source.calibration
         camera, metric, camera_note = resolve_camera(
             settings.camera, source.width_px, source.height_px, folder, beside,
-            *aspect_of(source, [] if settings.camera.given or beside is not None else seeds),
+            *aspect_of(source, [] if settings.camera.given or beside is not None else begun),
         )  # fmt: skip
         self._encode, video_note = _picture_maker(settings, view)
-        self._notes = [camera_note, video_note, *view.notes]
+        self._notes = [camera_note, video_note, *view.notes, *(found.told if found is not None else ())]
+        self._missing = list(found.missing) if found is not None else []
         self._specs = [m.spec() for m in settings.markers]
         try:
+            check_answers(seeds, [spec.name for spec in self._specs], camera.width_px, camera.height_px)
+            self._given, self._settings, self._camera, self._metric = list(seeds), settings, camera, metric
             self._session = Session(
-                camera, self._specs, seeds, settings.chain, settings.session,
+                camera, self._specs, begun, settings.chain, settings.session,
                 exposure_s=settings.camera.exposure_s, readout_s=settings.camera.readout_s,
                 metric=metric, keep_view=_view_keeper(settings),
             )  # fmt: skip
@@ -265,13 +478,18 @@ class _Camera:
         self._calibration = camera if writes_calibration else None
         pictures = _PICTURE_TOPICS.get(settings.output.video)
         self._topics = view.topics(pictures=pictures, calibration=writes_calibration)
-        more = {"image_topic": source.topic, "camera_note": camera_note}
+        more = {"image_topic": source.topic, "camera_note": camera_note, "name": view.name.strip("/")}
+        more |= {"camera": camera_fact(camera, metric)} | self._topics.facts()
+        more["image_time"] = source.time if isinstance(source, McapImageSource) else ""
+        more["rate"] = str(source.stated_rate) if isinstance(source, PictureFolder) else ""
+        more["auto"] = "" if found is None else " | ".join((*found.told, *found.missing))
         self._run = replace(
             run, time_source=source.time_source, video=video_note, settings_toml=settings.to_toml(),
-            seeds_toml=seeds_toml(list(seeds)), more={key: text for key, text in more.items() if text},
+            seeds_toml=seeds_toml(begun), more={key: text for key, text in more.items() if text},
         )  # fmt: skip
         self._statuses = {spec.name: Counter[Status]() for spec in self._specs}
         self._before: dict[str, Status] = {}
+        self._latest: Frame | None = None
         self._measured: dict[str, MarkerEstimate] = {}
         self._frames = self._requests = 0
 
@@ -279,6 +497,53 @@ class _Camera:
         """Start this camera's part of the recording."""
         self._log = McapLog(writer, camera=self._calibration, markers=self._specs, run=self._run, topics=self._topics)
         return self._log
+
+    def attend(self, operator: Operator, files: ExitStack) -> None:
+        """From now on a person is asked at each request."""
+        source, camera, settings = self._view.source, self._camera, self._settings
+        place = f"{name}/" if (name := self._view.name.strip("/")) else ""
+        pictures: list[Pictures] = []
+
+        def frame_at(index: int) -> Frame | None:
+            if not pictures:  # opened when it is first asked for
+                time = source.time if isinstance(source, McapImageSource) else "header"
+                rate = source.stated_rate if isinstance(source, PictureFolder) else None
+                opened = open_pictures(source.path, topic=source.topic or None, time=time, rate=rate)
+                pictures.append(files.enter_context(opened))
+            there = pictures[0]
+            frame = there.frame(index) if there.first_index <= index < there.count else None
+            if frame is None or self._latest is None:
+                return frame
+            shifted = copy(frame)
+            shifted.stamp_ns += self._latest.stamp_ns - there.stamp_ns(self._latest.index)
+            return shifted
+
+        def check(answers: Sequence[Answer]) -> None:
+            names = [spec.name for spec in self._specs]
+            known = {(type(answer), answer.marker, answer.frame_index) for answer in self._given}
+            for answer in answers:
+                if (type(answer), answer.marker, answer.frame_index) in known:
+                    raise UsageError(f"{answer.marker} has such an answer on frame {answer.frame_index} already")
+            check_answers([*self._given, *answers], names, camera.width_px, camera.height_px)
+
+        def plain(answer: Answer) -> Answer:
+            return replace(answer, marker=answer.marker.removeprefix(place))
+
+        def ask(asked: Asked) -> Sequence[Answer]:
+            request = replace(asked.request, marker=place + asked.request.marker)
+            named = replace(asked, request=request, check=lambda answers: check(list(map(plain, answers))))
+            given = list(operator.ask(named))
+            self.answers += given
+            self._given += map(plain, given)
+            return [plain(answer) for answer in given]
+
+        known = settings.camera
+        terms = Terms(
+            camera, self._metric, tuple(self._specs), settings.chain, settings.session, known.exposure_s,
+            known.readout_s, source.first_index, 10**9,
+        )  # fmt: skip
+        begun = base_seeds(self._given)
+        self._attended = Attended(terms, frame_at, ask, [a for a in self._given if a not in begun])
 
     def steps(self, go_on: Callable[[], bool]) -> Generator[tuple[int, Callable[[], None]], None, None]:
         """For each frame the log time of its messages, which never falls, and what writes them.
@@ -289,7 +554,7 @@ class _Camera:
         encode = self._encode or (lambda frame: None)
         waiting: deque[tuple[EncodedPicture | None, BgrImage | None]] = deque()
         overview_due = _Rate(self._output.debug_rate_hz)
-        step = max(1, round(source.width_px / 640))
+        step = overlays.overview_step(source.width_px)
         stopped = False
 
         def frames() -> Iterator[Frame]:
@@ -299,7 +564,10 @@ class _Camera:
                     return
                 full = self._output.debug_images == "full" and overview_due(frame.stamp_ns)
                 waiting.append((picture, frame.reduced(step) if full else None))
+                self._latest = frame
                 yield frame
+                if self._attended is not None and self._session.latest is not None:
+                    self._attended.after(frame, self._session.latest)
 
         log_ns = 0
         with closing(ahead((frame, encode(frame)) for frame in source.frames())) as pictures:
@@ -334,8 +602,10 @@ class _Camera:
         """Finish this camera's part, and put what it did into the report; `stamp_ns` is the last log time of all."""
         name = self._view.name.strip("/")
         place = f"{name}/" if name else ""
-        gone = [self._lost_marker(place, m) for m, status in self._before.items() if status is Status.LOST]
-        lost = [*self._view.lost(), *gone]
+        gone = [
+            lost_marker(place, m, self._measured.get(m)) for m, status in self._before.items() if status is Status.LOST
+        ]
+        lost = [*self._view.lost(), *self._missing, *gone]
         for line in lost:
             self._log.log("WARNING", line, stamp_ns)
         outcome = {"frames": str(self._frames), "lost": "; ".join(lost)}
@@ -344,28 +614,16 @@ class _Camera:
         report.requests += self._requests
         report.statuses |= {place + marker: counts for marker, counts in self._statuses.items()}
         report.notes += [f"{name}: {note}" if name else note for note in self._notes]
-        report.lost += gone
-
-    def _lost_marker(self, place: str, marker: str) -> str:
-        """What to look at, and what to give, for a marker that is lost at the end."""
-        last = self._measured.get(marker)
-        said = f"{place}{marker} is LOST at the end"
-        if last is None or last.circle is None:
-            return f"{said}: it was never found after its seed; look whether the seed is on it"
-        c, frame = last.circle, last.frame_index
-        return (
-            f"{said}, last seen on frame {frame} at {c.x_px:.0f},{c.y_px:.0f} with radius {c.r_px:.0f}: look where it "
-            f"comes back after that, and run again with --seed {place}{marker}@FRAME=X,Y,R for that frame as well"
-        )
+        report.lost += self._missing + gone
 
 
 def _by_camera(
-    views: Sequence[CameraView], settings: Settings, seeds: Sequence[Seed]
-) -> list[tuple[CameraView, Settings, list[Seed]]]:
+    views: Sequence[CameraView], settings: Settings, seeds: Sequence[Answer]
+) -> list[tuple[CameraView, Settings, list[Answer]]]:
     """Each camera with its markers and seeds. With several, `front/left_wrist` is a marker of camera /front."""
     if len(views) == 1:
         return [(views[0], _with_seeded_markers(settings, seeds), list(seeds))]
-    own: dict[str, list[Seed]] = {view.name.strip("/"): [] for view in views}
+    own: dict[str, list[Answer]] = {view.name.strip("/"): [] for view in views}
     for seed in seeds:
         camera, _, marker = seed.marker.strip("/").rpartition("/")
         if camera not in own:
@@ -388,7 +646,7 @@ def _by_camera(
     return cameras
 
 
-def _with_seeded_markers(settings: Settings, seeds: Sequence[Seed]) -> Settings:
+def _with_seeded_markers(settings: Settings, seeds: Sequence[Answer]) -> Settings:
     """Settings that also list the markers only the seeds name."""
     known = [m.name for m in settings.markers]
     new = [name for name in dict.fromkeys(seed.marker for seed in seeds) if name not in known]
@@ -472,16 +730,3 @@ def _log_change(log: McapLog, estimate: MarkerEstimate, before: dict[str, Status
         log.log("INFO", f"{name} left the picture at {at}", estimate.stamp_ns)
     elif was in (Status.LOST, Status.OUT_OF_VIEW):
         log.log("INFO", f"{name} found again at {at}", estimate.stamp_ns)
-
-
-def _fingerprint(path: Path) -> tuple[int, str]:
-    """Size in bytes and SHA-256 of a file, or of a folder's files one after another, by name."""
-    if path.is_dir():
-        whole, size = hashlib.sha256(), 0
-        for file_path in sorted(p for p in path.iterdir() if p.is_file()):
-            with file_path.open("rb") as file:
-                whole.update(hashlib.file_digest(file, "sha256").digest())
-            size += file_path.stat().st_size
-        return size, whole.hexdigest()
-    with path.open("rb") as file:
-        return path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()

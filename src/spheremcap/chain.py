@@ -29,7 +29,7 @@ from spheremcap.core.time import NS_PER_S
 from spheremcap.core.view import StageView
 from spheremcap.core.vote import Verdict
 from spheremcap.detection.acquire import AcquireConfig
-from spheremcap.detection.appearance import Appearance
+from spheremcap.detection.appearance import Appearance, Limits
 from spheremcap.detection.colour import ColourConfig, box_mask
 from spheremcap.detection.detector import Detector
 from spheremcap.detection.edge import EdgeConfig
@@ -293,6 +293,13 @@ class MarkerChain:
             xyz, covariance, velocity,
             nothing if look is None else look.doubts,
         )  # fmt: skip
+
+    def colours(self, patch: Patch, circle: Circle) -> Limits:
+        """The limits (6,) of the marker's colours on a patch with it at `circle` (image pixels), as learnt at the seed
+        (`ColourBox.limits`). Raises RuntimeError before the first seed."""
+        if self._stages is None:
+            raise RuntimeError(f"{self.spec.name} has not been seeded")
+        return self._stages.appearance.limits(patch, circle)
 
     def view(self, frame: Frame, looks: Sequence[Look]) -> StageView | None:
         """The stages' pictures of a frame that was just settled, in the picture's own pixels; None without a look."""

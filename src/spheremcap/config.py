@@ -10,8 +10,10 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from spheremcap.chain import ChainConfig
 from spheremcap.core.circle import Circle
-from spheremcap.core.marker import MarkerSpec, Seed
+from spheremcap.core.marker import Answer, Hidden, Keep, MarkerSpec, Seed
 from spheremcap.core.stage import StageConfig
+from spheremcap.detection.colour import HUES
+from spheremcap.detection.hues import GREYS, HUES_MEANT
 from spheremcap.errors import SettingsError, short
 from spheremcap.io.toml_file import first_problem, read_toml
 from spheremcap.session import SessionConfig
@@ -68,6 +70,11 @@ class MarkerSettings(StageConfig):
 
     name: str = Field(pattern=r"^[A-Za-z0-9_]+$", max_length=100, description="letters, digits, underscores")
     diameter_m: float = Field(0.04, gt=0, description='true diameter in metres (or `diameter = "4 cm"`)')
+    colour: str | tuple[float, float] | None = Field(
+        None,
+        description=f"what `track --auto` looks for: {', '.join((*HUES_MEANT, *GREYS))}; or a first and a last hue, "
+        "0..180 in steps of 2 degrees, as in [170, 10]",
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -86,6 +93,18 @@ class MarkerSettings(StageConfig):
             raise ValueError(f"{diameter_m:g} m is no marker's size (1 mm to 1 m){unit}")
         return diameter_m
 
+    @field_validator("colour")
+    @classmethod
+    def _a_colour(cls, colour: str | tuple[float, float] | None) -> str | tuple[float, float] | None:
+        names = (*HUES_MEANT, *GREYS)
+        if isinstance(colour, str) and colour not in names:
+            raise ValueError(f"{short(colour)} is no colour that is known: {', '.join(names)}, or a range of hues")
+        if isinstance(colour, tuple) and not all(0 <= hue <= HUES for hue in colour):
+            raise ValueError(
+                f"hues {list(colour)} are not all between 0 and {HUES}: steps of 2 degrees, so green is 60"
+            )
+        return colour
+
     def spec(self) -> MarkerSpec:
         return MarkerSpec(self.name, self.diameter_m)
 
@@ -96,6 +115,12 @@ def length_m(text: Any) -> float:
     if not found:
         raise ValueError(f'diameter {short(text)} is not a length such as "4 cm"')
     return float(found[1]) * _UNIT_M[found[2]]
+
+
+class AutoSettings(StageConfig):
+    """How `track --auto` looks for markers that nobody seeded."""
+
+    seconds: float = Field(3.0, gt=0, le=60, description="seconds from the start in which markers are looked for")
 
 
 class OutputSettings(StageConfig):
@@ -116,6 +141,7 @@ class Settings(StageConfig):
     markers: tuple[MarkerSettings, ...] = ()
     chain: ChainConfig = ChainConfig()
     session: SessionConfig = SessionConfig()
+    auto: AutoSettings = AutoSettings()
     output: OutputSettings = OutputSettings()
 
     @field_validator("markers")
@@ -135,7 +161,7 @@ class Settings(StageConfig):
 
 def marker_toml(marker: MarkerSettings) -> str:
     """A marker's table."""
-    return "[[markers]]\n" + tomli_w.dumps(marker.model_dump())
+    return "[[markers]]\n" + tomli_w.dumps(marker.model_dump(exclude_none=True))
 
 
 def load_settings(path: Path) -> Settings:
@@ -156,7 +182,7 @@ def with_camera(settings: Settings, text: str) -> Settings:
     return settings.model_copy(update={"camera": CameraSettings(**given)})
 
 
-def with_diameter(settings: Settings, seeds: Sequence[Seed], text: str) -> Settings:
+def with_diameter(settings: Settings, seeds: Sequence[Answer], text: str) -> Settings:
     """Settings that list the markers of the seeds with a diameter such as "4 cm". Raises SettingsError for one that is
     none, or where the settings list markers already.
     """
@@ -172,56 +198,98 @@ def with_diameter(settings: Settings, seeds: Sequence[Seed], text: str) -> Setti
     return settings.model_copy(update={"markers": markers})
 
 
-class _SeedRow(StageConfig):
-    """A seed as it is given: in a file, or in a text once its parts are numbers."""
+_RFC_3339 = r"^\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d{1,9})?([Zz]|[-+]\d\d:\d\d)$"
+_LAST_FRAME = 10**9
+
+
+class _Row(StageConfig):
+    """What every row of a seeds file has, or may have."""
 
     marker: str = Field(min_length=1, max_length=300)
-    frame: int = Field(ge=0, le=10**9)
+    frame: int = Field(ge=0, le=_LAST_FRAME)
+    author: str = Field("", max_length=300)
+    time: str = Field("", max_length=40, pattern=f"^$|{_RFC_3339}")
+
+
+class _SeedRow(_Row):
+    """A seed as it is given: in a file, or in a text once its parts are numbers."""
+
+    kind: Literal["circle"] = "circle"
     x_px: float = Field(ge=-1e5, le=1e5)
     y_px: float = Field(ge=-1e5, le=1e5)
     r_px: float = Field(gt=0, le=1e5)
 
-    def seed(self) -> Seed:
-        return Seed(self.marker, self.frame, Circle(self.x_px, self.y_px, self.r_px))
+    def answer(self) -> Seed:
+        return Seed(self.marker, self.frame, Circle(self.x_px, self.y_px, self.r_px), self.author, self.time)
 
 
-def load_seeds(path: Path) -> list[Seed]:
-    """Read a seeds file: [[seeds]] with marker, frame, x_px, y_px, r_px. Raises SettingsError."""
-    rows = read_toml(path)
+class _SpanRow(_Row):
+    """What is said of several frames."""
+
+    kind: Literal["hidden", "keep"]
+    to_frame: int = Field(ge=0, le=_LAST_FRAME)
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "_SpanRow":
+        if self.to_frame < self.frame:
+            raise ValueError(f"to_frame {self.to_frame} is before frame {self.frame}")
+        return self
+
+    def answer(self) -> Hidden | Keep:
+        said = Hidden if self.kind == "hidden" else Keep
+        return said(self.marker, self.frame, self.to_frame, self.author, self.time)
+
+
+_OPTIONAL = {"kind", "author", "time"}
+
+
+def load_seeds(path: Path) -> list[Answer]:
+    """Read a seeds file: [[seeds]] with marker, frame, x_px, y_px, r_px; or, of kind "hidden" or "keep", with marker,
+    frame and to_frame. Each may have author and time. Raises SettingsError."""
+    return answers_in(read_toml(path), str(path))
+
+
+def answers_in(rows: dict[str, Any], path: str) -> list[Answer]:
+    """What a seeds file says, read already; `path` is how errors call it. Raises SettingsError."""
     if set(rows) != {"seeds"} or not isinstance(rows["seeds"], list):
         raise SettingsError(f"{path}: expected [[seeds]] tables with marker, frame, x_px, y_px, r_px")
-    seeds: list[Seed] = []
+    answers: list[Answer] = []
     numbers: dict[tuple[str, int], int] = {}
     for number, row in enumerate(rows["seeds"], 1):
-        if not isinstance(row, dict) or set(row) != set(_SeedRow.model_fields):
-            raise SettingsError(f"{path}: seed {number} must have marker, frame, x_px, y_px and r_px, nothing else")
+        spans = isinstance(row, dict) and row.get("kind") in ("hidden", "keep")
+        kind: type[_SeedRow | _SpanRow] = _SpanRow if spans else _SeedRow
+        if not isinstance(row, dict) or set(row) - _OPTIONAL != set(kind.model_fields) - _OPTIONAL:
+            needs = "marker, frame and to_frame" if spans else "marker, frame, x_px, y_px and r_px"
+            raise SettingsError(
+                f"{path}: seed {number} must have {needs}, and may have kind, author and time; nothing else"
+            )
         try:
-            seed = _SeedRow.model_validate(row).seed()
+            answer = kind.model_validate(row).answer()
         except ValidationError as error:
             raise SettingsError(f"{path}: seed {number}: {first_problem(error)}") from error
-        same = numbers.setdefault((seed.marker, seed.frame_index), number)
-        if same != number:
-            raise SettingsError(
-                f"{path}: seeds {same} and {number} are both of {seed.marker} on frame {seed.frame_index}: "
-                "keep the right one"
-            )
-        seeds.append(seed)
-    return seeds
+        if isinstance(answer, Seed):
+            same = numbers.setdefault((answer.marker, answer.frame_index), number)
+            if same != number:
+                raise SettingsError(
+                    f"{path}: seeds {same} and {number} are both of {answer.marker} on frame {answer.frame_index}: "
+                    "keep the right one"
+                )
+        answers.append(answer)
+    return answers
 
 
-def seeds_toml(seeds: Sequence[Seed]) -> str:
+def seeds_toml(answers: Sequence[Answer]) -> str:
     """A seeds file's text, which `load_seeds` reads back."""
-    rows = [
-        {
-            "marker": s.marker,
-            "frame": s.frame_index,
-            "x_px": s.circle.x_px,
-            "y_px": s.circle.y_px,
-            "r_px": s.circle.r_px,
-        }
-        for s in seeds
-    ]
-    return "\n".join("[[seeds]]\n" + tomli_w.dumps(row) for row in rows)
+    return "\n".join("[[seeds]]\n" + tomli_w.dumps(_row(answer)) for answer in answers)
+
+
+def _row(answer: Answer) -> dict[str, str | int | float]:
+    row: dict[str, str | int | float] = {"marker": answer.marker, "frame": answer.frame_index}
+    if isinstance(answer, Seed):
+        row |= {"x_px": answer.circle.x_px, "y_px": answer.circle.y_px, "r_px": answer.circle.r_px}
+    else:
+        row |= {"to_frame": answer.to_frame_index, "kind": "hidden" if isinstance(answer, Hidden) else "keep"}
+    return row | {key: text for key, text in (("author", answer.author), ("time", answer.time)) if text}
 
 
 _SEED = re.compile(r"(?P<marker>[^@]*)@(?P<frame>[^=]*)=(?P<x>[^,]*),(?P<y>[^,]*),(?P<r>[^,]*)")
@@ -256,6 +324,6 @@ def _seed_of(text: str) -> Seed:
         return _SeedRow(
             marker=found["marker"], frame=int(found["frame"]),
             x_px=float(found["x"]), y_px=float(found["y"]), r_px=float(found["r"]),
-        ).seed()  # fmt: skip
+        ).answer()  # fmt: skip
     except ValidationError as error:
         raise ValueError(first_problem(error)) from None

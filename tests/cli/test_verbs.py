@@ -5,7 +5,10 @@ import pytest
 from clips import COUNT, seed, write_truth
 from spheremcap.config import load_settings
 
-VERBS = ("track", "merge", "sync", "info", "export", "recover", "evaluate", "experiment", "synth", "tune", "config")
+VERBS = (
+    "annotate", "track", "retrack", "merge", "sync", "info", "export", "recover", "evaluate", "experiment", "synth",
+    "tune", "config",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -297,8 +297,8 @@ def test_reading_twice_gives_the_same_and_each_picture_is_decoded_once(
     path = media.plain(tmp_path / "v.mp4", 12)
     with VideoSource(path) as source:
         made: list[int] = []
-        build = source._picture.frame
-        monkeypatch.setattr(source._picture, "frame", lambda *a: made.append(a[0]) or build(*a))
+        build = source.decoded.frame
+        monkeypatch.setattr(source.decoded, "frame", lambda *a: made.append(a[0]) or build(*a))
         first = [(f.stamp_ns, f.encoded, f.full.tobytes()) for f in source.frames()]
         assert made == list(range(12))
         assert [(f.stamp_ns, f.encoded, f.full.tobytes()) for f in source.frames()] == first

@@ -50,7 +50,8 @@ def _recording(summary: "Summary", check: bool) -> list[str]:
     for marker in summary.markers:
         for request in marker.requests:
             at = f"frame {request.frame_index} ({format_time(request.stamp_ns)})"
-            typer.echo(_plain(f"request: where is {marker.marker} on {at}? {request.reason}"))
+            said = f"answered ({request.answered})" if request.answered else "request"
+            typer.echo(_plain(f"{said}: where is {marker.marker} on {at}? {request.reason}"))
     for line in _head(summary):
         typer.echo(_plain(line))
     topics = Table("topic", "messages", "schema", "encoding", box=None, pad_edge=False)
@@ -79,6 +80,8 @@ def _marker(m: "MarkerSummary") -> str:
     by_status = ", ".join(f"{count} {name.lower()}" for name, count in m.frames_by_status.items() if count)
     gap = f"longest gap {m.longest_gap_frames} frames, {m.longest_gap_s:.3f} s" if m.longest_gap_frames else "no gap"
     asked = f", {len(m.requests)} request{'s' * (len(m.requests) != 1)}" if m.requests else ""
+    still_open = sum(not request.answered for request in m.requests)
+    asked += f", {still_open} of them open" if still_open < len(m.requests) else ""
     return f"{m.marker}: {m.verified_share:.1%} verified of {m.frames} frames ({by_status}), {gap}{asked}"
 
 

@@ -1,8 +1,12 @@
 """spheremcap track: a video in, an annotated recording out."""
 
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,10 +15,19 @@ import typer
 from spheremcap.cli.progress import bar, loaded, stopped
 from spheremcap.core.time import parse_time_ns
 from spheremcap.errors import UsageError, short
-from spheremcap.interrupt import Interrupt
+from spheremcap.interrupt import Interrupt, Interrupted
 
 if TYPE_CHECKING:
-    from spheremcap.core.marker import Seed
+    from rich.progress import Progress
+
+    from spheremcap.api import Operator
+    from spheremcap.config import Settings
+    from spheremcap.core.marker import Answer, Seed
+    from spheremcap.found import Found
+    from spheremcap.operator.answers import AnswerFile
+    from spheremcap.operator.attending import Attending
+    from spheremcap.operator.terminal import Terminal
+    from spheremcap.proposals import Proposal
 
 _MCAP = "MCAP input"
 _NO_TIME = "is neither ISO 8601 such as 2025-06-01T10:00:00Z nor Unix seconds"
@@ -31,11 +44,21 @@ def track(
     ] = None,
     seeds: Annotated[
         Path | None,
-        typer.Option("--seeds", help="TOML with the seeds: marker, frame, x_px, y_px, r_px of each."),
+        typer.Option(
+            "--seeds", help="TOML with the seeds: marker, frame, x_px, y_px, r_px of each; and other answers."
+        ),
     ] = None,
     seed: Annotated[
         list[str] | None, typer.Option("--seed", help="MARKER@FRAME=X,Y,R in pixels; as often as needed.")
     ] = None,
+    auto: Annotated[
+        bool,
+        typer.Option(
+            "--auto",
+            help="Look in the first seconds for the markers that no seed names: by the colours in the settings, or all "
+            "coloured spheres.",
+        ),
+    ] = False,
     diameter: Annotated[
         str | None,
         typer.Option("--diameter", help="True diameter of the markers that only seeds name. (by default 4 cm)"),
@@ -57,6 +80,10 @@ def track(
         Literal["none", "crops", "full"] | None,
         typer.Option("--debug-images", help="Pictures of why a frame was doubted. (by default crops)"),
     ] = None,
+    operator: Annotated[
+        Literal["none", "terminal", "page"],
+        typer.Option("--operator", help="Who is asked where a marker is lost; tracking waits for the answer."),
+    ] = "none",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
     topic: Annotated[
         list[str] | None,
@@ -97,12 +124,19 @@ def track(
 ) -> None:
     """Track markers through a video and write every circle, pose and vote into an MCAP.
 
+    A marker's first seed is where its track begins. Each later one corrects it: when all is tracked, the marker is
+    followed from there both ways in time until it meets the track, as `spheremcap retrack` does it afterwards.
+
+    With --auto nobody has to seed: what was taken for which marker, why, and what was left is said and stands in the
+    recording. What cannot be told apart is listed as seeds to choose from.
+
     Without a settings file the seeds name the markers and each is taken for 4 cm across, unless --diameter says
     otherwise. A folder's pictures are taken in the order of their numbers. An MCAP goes into the
     output as it is, with our channels beside its pictures.
     """
     from spheremcap import api
-    from spheremcap.config import Settings, load_seeds, load_settings, with_camera, with_diameter
+    from spheremcap.config import Settings, load_settings, with_camera, with_diameter
+    from spheremcap.io.output import checked_output
     from spheremcap.io.sources import FromMcap
 
     loaded()
@@ -112,27 +146,49 @@ def track(
     told = {"video": video, "debug_images": debug_images}
     changes = {key: value for key, value in told.items() if value is not None}
     chosen = chosen.model_copy(update={"output": chosen.output.model_copy(update=changes)})
-    given = load_seeds(seeds) if seeds is not None else []
-    given += [_seed(text) for text in seed or []]
-    if diameter is not None:
-        chosen = with_diameter(chosen, given, diameter)
+    given = answers_of(seeds, seed)
     mcap = None
     if any(flag is not None for flag in (topic, time, start, end, copy)):
         mcap = FromMcap(
             tuple(topic or ()), time or "header",
             _time_ns("--start", start), _time_ns("--end", end), copy or "all",
         )  # fmt: skip
+    folder, inputs = (
+        settings.parent if settings is not None else Path(),
+        [p for p in (settings, seeds) if p is not None],
+    )
+    start_ns, hertz = _time_ns("--start-time", start_time), rate_of(rate)
     with Interrupt() as interrupted, bar() as shown:
+        found = None
+        if auto:
+            checked_output(output, [source, *inputs], overwrite=overwrite)
+            task = shown.add_task("looking for markers", total=None)
+            found = api.find(
+                source, chosen, given, folder=folder, start_time_ns=start_ns, rate=hertz, mcap=mcap,
+                progress=lambda done, total: shown.update(task, completed=done, total=total), stop=interrupted,
+            )  # fmt: skip
+            shown.remove_task(task)
+            if interrupted():
+                raise Interrupted("interrupted while looking for markers; nothing was written")
+            _clear(found)
+            chosen, given = found.settings, [*given, *found.seeds]
+        if diameter is not None:
+            chosen = with_diameter(chosen, given, diameter)
         task = shown.add_task("tracking", total=None)
-        report = api.track(
-            source, output, chosen, given,
-            folder=settings.parent if settings is not None else Path(),
-            inputs=[path for path in (settings, seeds) if path is not None],
-            overwrite=overwrite, start_time_ns=_time_ns("--start-time", start_time), rate=_rate(rate),
-            mcap=mcap,
-            progress=lambda done, total: shown.update(task, completed=done, total=total),
-            stop=interrupted,
-        )  # fmt: skip
+        asked = _seeds_file(seeds, output, given) if operator != "none" else None
+        with ExitStack() as attending:
+            person: Operator | None = None
+            if asked is not None and operator == "terminal":
+                person = _terminal(asked, output, shown, interrupted)
+            elif asked is not None:
+                person = attending.enter_context(_page(source, chosen, settings, asked, topic, hertz, interrupted))
+            report = api.track(
+                source, output, chosen, given,
+                folder=folder, inputs=[*inputs, *([asked.path] if asked else [])], overwrite=overwrite,
+                start_time_ns=start_ns, rate=hertz, mcap=mcap, found=found, operator=person,
+                progress=lambda done, total: shown.update(task, completed=done, total=total),
+                stop=interrupted,
+            )  # fmt: skip
     for note in report.notes:
         print(f"spheremcap: {note}", file=sys.stderr)
     for name, counts in report.statuses.items():
@@ -151,6 +207,79 @@ def track(
         raise typer.Exit(3)
 
 
+def _clear(found: "Found") -> None:
+    """Prints the seeds to choose from where several things may be a marker. Raises UsageError there."""
+    from spheremcap.found import as_seed
+
+    alike: dict[tuple[Proposal, ...], list[str]] = {}
+    for name, rivals in found.unclear:
+        alike.setdefault(rivals, []).append(name)
+    for rivals, names in alike.items():
+        if len(names) > 1:
+            print(f"# NAME is one of {', '.join(names)}")
+        for rival in rivals:
+            print(f"--seed {as_seed(names[0] if len(names) == 1 else 'NAME', rival)}  # {rival.reason}")
+    if found.unclear:
+        told = ", ".join(name for name, _ in found.unclear)
+        raise UsageError(f"--auto cannot tell which is {told}: add one of the listed seeds for each to the command")
+
+
+def answers_of(seeds: Path | None, texts: list[str] | None) -> "list[Answer]":
+    """What a person said, in a file and on the command line."""
+    from spheremcap.config import load_seeds
+
+    return [*(load_seeds(seeds) if seeds is not None else []), *(_seed(text) for text in texts or [])]
+
+
+def _seeds_file(seeds: Path | None, output: Path, given: "list[Answer]") -> "AnswerFile":
+    """Where answers are written while a run goes on, behind all that was given before."""
+    from spheremcap.operator.answers import AnswerFile
+
+    path = seeds or output.with_suffix(".seeds.toml")
+    if seeds is None and path.exists():
+        raise UsageError(f"{path} exists already: give it as --seeds, or move it away")
+    answers = AnswerFile(path, given)
+    for answer in given:  # those that are not in the file yet
+        if answer not in answers.answers():
+            answers.put(answer)
+    return answers
+
+
+def _terminal(answers: "AnswerFile", output: Path, shown: "Progress", interrupted: Interrupt) -> "Terminal":
+    """Whoever sits at the terminal; the bar is away while they are asked."""
+    from spheremcap.cli.annotate import login
+    from spheremcap.operator.terminal import Terminal, read_line
+
+    @contextmanager
+    def alone() -> Iterator[None]:
+        shown.stop()
+        yield
+        shown.start()
+
+    return Terminal(answers, output, login(), alone, lambda: read_line(interrupted))
+
+
+def _page(
+    source: Path, chosen: "Settings", settings: Path | None, answers: "AnswerFile", topic: list[str] | None,
+    rate: Fraction | None, interrupted: Interrupt,
+) -> "Attending":  # fmt: skip
+    """Whoever answers on the page, which opens at the first question."""
+    from spheremcap.cli.annotate import login, needed
+
+    with needed("--operator page"):
+        from spheremcap.operator.attending import Attending
+    from spheremcap.operator.opened import Opened
+    from spheremcap.operator.page import Page
+
+    if topic is not None and len(topic) > 1:
+        raise UsageError("--operator page shows one camera: name one --topic")
+    opened = Opened(
+        source, seeds=answers.path, settings=settings, topic=topic[0] if topic else None, rate=rate, attended=chosen
+    )
+    say = partial(print, file=sys.stderr, flush=True)
+    return Attending(Page(opened, login()), say, interrupted, show="CI" not in os.environ)
+
+
 def _time_ns(flag: str, text: str | None) -> int | None:
     if text is None:
         return None
@@ -163,7 +292,7 @@ def _time_ns(flag: str, text: str | None) -> int | None:
     return stamp_ns
 
 
-def _rate(text: str | None) -> Fraction | None:
+def rate_of(text: str | None) -> Fraction | None:
     if text is None:
         return None
     try:

@@ -27,7 +27,9 @@ class MarkerEstimate:
     claim (hough, colour, kcf, prediction, acquire, seed). `visible` is the fraction of the outline with an edge.
     `reasons` are the names of what spoke against the claim (`verification.checks`; "votes", "no outline", "out of
     view", "not found"); empty when VERIFIED, and of a seed what speaks against it ("no outline", "little outline").
-    `velocity_cam_mps` is None until two measurements say something of it.
+    `velocity_cam_mps` is None until two measurements say something of it. `answer_frame` is the frame of a person's
+    answer that the estimate rests on; None where that is the marker's first circle. One that was made from that answer
+    backwards has the reason "backwards".
     """
 
     marker: str
@@ -48,6 +50,7 @@ class MarkerEstimate:
     covariance_m2: FloatArray | None = field(default=None)
     velocity_cam_mps: FloatArray | None = field(default=None)
     reasons: tuple[str, ...] = ()
+    answer_frame: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +68,8 @@ class SmoothedPose:
 @dataclass(frozen=True, slots=True)
 class OperatorRequest:
     """A person is asked where `marker` is on its first unverified frame; `reason` says why in one line, `reasons` are
-    the names of what spoke against the claims since then, most frequent first."""
+    the names of what spoke against the claims since then, most frequent first. `answered` is what a person said to it,
+    "" while it is open."""
 
     marker: str
     frame_index: int
@@ -74,6 +78,7 @@ class OperatorRequest:
     raised_stamp_ns: int
     reason: str
     reasons: tuple[str, ...] = ()
+    answered: str = ""
 
 
 @dataclass(frozen=True, slots=True)

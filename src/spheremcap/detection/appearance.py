@@ -3,8 +3,10 @@
 The last verified picture may drift with what is followed; this one cannot.
 """
 
+import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -16,6 +18,7 @@ from spheremcap.detection.colour import (
     LIMITS,
     ColourConfig,
     box_mask,
+    disc_mask,
     disc_pixels,
     in_box,
     learn_box,
@@ -24,6 +27,8 @@ from spheremcap.detection.colour import (
 
 Mask = npt.NDArray[np.uint8]
 Limits = npt.NDArray[np.float64]
+
+_INSIDE, _RING = 0.8, (1.15, 1.5)  # radii up to which, and between which, contrast is taken
 
 
 @inner
@@ -67,6 +72,19 @@ def ring_colours(bgr, x0, y0, x1, y1, x, y, beyond, within, limits):
     quarter = count // 4
     low, high = _ranked(all_of, quarter), _ranked(all_of, 3 * quarter)
     return count, own, low, _median(all_of, count), high, _median(own_of, own)
+
+
+def contrast(patch: Patch, circle: Circle) -> float:
+    """How far the colours in a ring around a circle (image pixels) are from those inside, in the median over the ring:
+    CIE 1976 colour difference in L*a*b*. NaN where no pixel of either is in the picture.
+    """
+    inside = disc_mask(patch, circle, _INSIDE)
+    ring = disc_mask(patch, circle, _RING[1]) & ~disc_mask(patch, circle, _RING[0])
+    if not inside.any() or not ring.any():
+        return math.nan
+    lab = cv2.cvtColor(patch.bgr.astype(np.float32) / 255, cv2.COLOR_BGR2Lab)
+    own = np.median(lab[inside], axis=0)
+    return float(np.median(np.linalg.norm(lab[ring] - own, axis=1)))
 
 
 class Appearance:

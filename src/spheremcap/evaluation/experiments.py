@@ -11,6 +11,7 @@ from spheremcap.evaluation.hough_tuning import hough
 from spheremcap.evaluation.lab import Lab
 from spheremcap.evaluation.lighting import illumination
 from spheremcap.evaluation.positions import positions
+from spheremcap.evaluation.proposals import proposals
 from spheremcap.evaluation.report import write_report
 from spheremcap.evaluation.result import Result, load, save
 from spheremcap.evaluation.signals import kalman, scale, votes
@@ -20,6 +21,7 @@ EXPERIMENTS: Mapping[str, Callable[[Lab], Result]] = {
     "accuracy": accuracy,
     "peers": peers,
     "footage": footage,
+    "proposals": proposals,
     "positions": positions,
     "illumination": illumination,
     "hough": hough,

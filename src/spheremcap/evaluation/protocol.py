@@ -110,7 +110,7 @@ def load_trial(folder: Path) -> Trial:
         folder.name,
         videos[0],
         load_settings(folder / "settings.toml"),
-        tuple(load_seeds(folder / "seeds.toml")),
+        tuple(seed for seed in load_seeds(folder / "seeds.toml") if isinstance(seed, Seed)),
         tuple(read_truth(folder / "truth.csv")),
     )
 

@@ -3,6 +3,7 @@
 import itertools
 import math
 import re
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Generator
 from fractions import Fraction
@@ -83,11 +84,16 @@ class PictureFolder:
         """One more than the last index."""
         return self._pictures[-1][0] + 1
 
-    def frames(self) -> Generator[Frame, None, None]:
-        """All pictures in the order of their numbers; `lost` is complete at the end. Calling again starts over."""
+    def stamp_ns(self, index: int) -> int:
+        """When the picture with that index was taken."""
+        return self.start_time_ns + ticks_to_ns(index, 1 / self._rate)
+
+    def frames(self, first: int = 0) -> Generator[Frame, None, None]:
+        """All pictures from index `first` on, in the order of their numbers; `lost` is complete at the end. Calling
+        again starts over."""
         self.lost = Losses()
         self.lost.file = list(self.notes)
-        for frame in self._read():
+        for frame in self._read(first):
             if (frame.width_px, frame.height_px) != (self.width_px, self.height_px):
                 self.lost.stopped = (
                     f"{self.path}: the picture size changes from {self.width_px}x{self.height_px} to "
@@ -96,13 +102,13 @@ class PictureFolder:
                 return
             yield frame
 
-    def _read(self) -> Generator[Frame, None, None]:
-        for index, path in self._pictures:
+    def _read(self, first: int = 0) -> Generator[Frame, None, None]:
+        for index, path in self._pictures[bisect_left(self._pictures, (first,)) :]:
             try:
                 if checked_input(path, "a picture") > _LARGEST_FILE_BYTES:
                     raise ValueError(f"more than {_LARGEST_FILE_BYTES >> 20} MB")
                 data = path.read_bytes()
-                frame = BgrFrame(index, self.start_time_ns + ticks_to_ns(index, 1 / self._rate), still_image(data))
+                frame = BgrFrame(index, self.stamp_ns(index), still_image(data))
             except (ValueError, SourceError, OSError) as error:
                 self.lost.miss(f"{path.name}: {short(error)}")
                 continue

@@ -9,7 +9,7 @@ import base64
 import itertools
 import json
 import os
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -35,7 +35,7 @@ from spheremcap.io.calibration import camera_of, focal_sd_of
 from spheremcap.io.mcap_records import McapRecords, RawMessage
 from spheremcap.io.picture import (
     RAW_ENCODINGS,
-    Pictures,
+    DecodedPictures,
     RawPicture,
     bounded,
     is_cut_jpeg,
@@ -226,7 +226,7 @@ class McapImageSource:
         """
         if self._pending is None:
             self.lost = Losses()
-            frames = self._read()
+            frames = self.frames_of(enumerate(self._messages(self.topic)))
         else:
             frames, self._pending = self._pending, None
         last_ns: int | None = None
@@ -270,7 +270,7 @@ class McapImageSource:
 
     def _open_first(self) -> None:
         """Decode the first picture, for the size; a topic without any is an error."""
-        frames = self._read()
+        frames = self.frames_of(enumerate(self._messages(self.topic)))
         first = next(frames, None)
         if first is None:
             self.lost.file = self._damage()
@@ -360,9 +360,12 @@ class McapImageSource:
             self._decoders[channel.id] = _decoder(self._records.schemas.get(channel.schema_id), channel)
         return self._decoders[channel.id](message.data)
 
-    def _read(self) -> Iterator[Frame]:
-        """Every frame in the asked time; stills as they come, video through one decoder."""
-        pictures = self._pictures()
+    def frames_of(self, messages: Iterable[tuple[int, RawMessage]]) -> Iterator[Frame]:
+        """The frames of some of the topic's messages, each with its number; of video the first is a key frame.
+
+        Stills as they come, video through one decoder.
+        """
+        pictures = self._pictures(messages)
         first = next(pictures, None)
         if first is None:
             return
@@ -373,19 +376,35 @@ class McapImageSource:
         else:
             yield from self._video(pictures, codec)
 
-    def _pictures(self) -> Iterator[tuple[int, int, _Picture]]:
+    def is_key(self, message: RawMessage) -> bool:
+        """Whether the message's picture can be decoded without those before it; a still always can."""
+        try:
+            picture = _picture(self._fields(message))
+        except _UNREADABLE:
+            return False
+        codec = _video_codec(picture.format) if picture.raw is None else None
+        return codec is None or is_key_picture(picture.data, _name(codec))
+
+    def stamp_ns(self, message: RawMessage) -> int:
+        """When the message's picture was taken, in the chosen time; the log time where that cannot be read."""
+        try:
+            stamp_ns = self._stamp(_picture(self._fields(message)), message)
+        except _UNREADABLE:
+            stamp_ns = None
+        return message.log_time if stamp_ns is None else stamp_ns
+
+    def _stamp(self, picture: _Picture, message: RawMessage) -> int | None:
+        return {"header": picture.stamp_ns, "log": message.log_time, "publish": message.publish_time}[self.time]
+
+    def _pictures(self, messages: Iterable[tuple[int, RawMessage]]) -> Iterator[tuple[int, int, _Picture]]:
         """(message number, stamp in ns, picture) up to the asked end."""
-        for index, message in enumerate(self._messages(self.topic)):
+        for index, message in messages:
             try:
                 picture = _picture(self._fields(message))
             except _UNREADABLE as error:
                 self._miss(index, message.log_time, f"the message does not parse ({short(error)})")
                 continue
-            stamp_ns = {
-                "header": picture.stamp_ns,
-                "log": message.log_time,
-                "publish": message.publish_time,
-            }[self.time]
+            stamp_ns = self._stamp(picture, message)
             if stamp_ns is not None and stamp_ns >= 1 << 63:
                 self._miss(index, message.log_time, f"its {self.time} time of {stamp_ns} ns is none")
                 continue
@@ -430,7 +449,7 @@ class McapImageSource:
 
     def _video(self, pictures: Iterator[tuple[int, int, _Picture]], codec: str) -> Iterator[Frame]:
         """Decode from the last key frame before the start; a frame's packet goes with it."""
-        name = "h265" if codec == "hevc" else "av1" if codec == "libdav1d" else codec
+        name = _name(codec)
         try:
             decoder = bounded(cast(VideoCodecContext, av.CodecContext.create(codec, "r")))
         except (av.FFmpegError, ValueError) as error:
@@ -488,7 +507,7 @@ class McapImageSource:
                 continue
             self.lost.damaged += bool(picture.is_corrupt)
             if self._frame is None:
-                self._frame = Pictures(picture).frame
+                self._frame = DecodedPictures(picture).frame
             try:
                 frame = self._frame(index, stamp_ns, picture)
             except (av.FFmpegError, ValueError) as error:
@@ -502,6 +521,11 @@ class McapImageSource:
         if self.start_ns is not None and stamp_ns < self.start_ns:
             return
         self.lost.miss(f"{self.topic}, message {index}: {reason}")
+
+
+def _name(codec: str) -> str:
+    """What recordings call a codec of FFmpeg's."""
+    return {"hevc": "h265", "libdav1d": "av1"}.get(codec, codec)
 
 
 def _video_codec(format_: str) -> str | None:

@@ -7,7 +7,7 @@ the file comes from a clock, so the same input and settings give the same bytes.
 import hashlib
 import heapq
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +19,7 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from spheremcap.core.camera import Camera
-from spheremcap.core.estimate import FrameResult, MarkerEstimate
+from spheremcap.core.estimate import FrameResult, MarkerEstimate, SmoothedPose
 from spheremcap.core.frame import BgrImage, EncodedPicture
 from spheremcap.core.marker import MarkerSpec
 from spheremcap.errors import OutputError, UsageError
@@ -39,10 +39,14 @@ SCENE_PERIOD_NS = 15_000_000
 TRAIL_NS = 1_000_000_000
 
 
-class Sink(Protocol):
-    """The part of mcap.writer.Writer that a log needs."""
+class SchemaSink(Protocol):
+    """Whatever stores schemas."""
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int: ...
+
+
+class Sink(SchemaSink, Protocol):
+    """The part of mcap.writer.Writer that a log needs."""
 
     def register_channel(
         self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str] = ...
@@ -59,7 +63,7 @@ _SCHEMA_DATA: dict[str, bytes] = {}
 _SCHEMA_IDS: WeakKeyDictionary[Any, dict[str, int]] = WeakKeyDictionary()
 
 
-def schema_id(sink: Sink, message_class: Message) -> int:
+def schema_id(sink: SchemaSink, message_class: Message) -> int:
     """The id of a protobuf class's schema in `sink`, registered on first use: one per type and writer."""
     name: str = message_class.DESCRIPTOR.full_name
     ids = _SCHEMA_IDS.setdefault(sink, {})
@@ -68,6 +72,13 @@ def schema_id(sink: Sink, message_class: Message) -> int:
             _SCHEMA_DATA[name] = build_file_descriptor_set(message_class).SerializeToString(deterministic=True)
         ids[name] = sink.register_schema(name, "protobuf", _SCHEMA_DATA[name])
     return ids[name]
+
+
+def run_id(version: str, input_sha256: str, settings_toml: str, seeds_toml: str, name: str = "") -> str:
+    """Twelve hex digits that stand for all that decides what is in a recording. Without a hash the input's name counts;
+    `name` is the camera's where there are several."""
+    parts = (version, input_sha256, settings_toml, seeds_toml, *([name] if name else []))
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:12]
 
 
 @dataclass(frozen=True)
@@ -90,9 +101,9 @@ class RunInfo:
 
     @property
     def id(self) -> str:
-        """Twelve hex digits that stand for input, settings, seeds and version together."""
-        parts = (VERSION, self.input_sha256 or self.input_name, self.settings_toml, self.seeds_toml)
-        return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:12]
+        """Twelve hex digits that stand for input, settings, seeds, version and camera together."""
+        name = self.more.get("name", "")
+        return run_id(VERSION, self.input_sha256 or self.input_name, self.settings_toml, self.seeds_toml, name)
 
     def lines(self) -> dict[str, str]:
         """The metadata record's own lines; what is not known is left out."""
@@ -144,12 +155,11 @@ class McapLog:
         self._sequences: dict[str, int] = {}
         self._last_ns: int | None = None
         self._next_calibration_ns: int | None = None
-        self._next_scene_ns: int | None = None
-        self._trails: dict[str, _Trail] = {name: _Trail() for name in self.markers}
+        self._scene = Scene(markers, self.topics.optical_frame)
         self._pending_log: list[tuple[int, int, LogLevel, str]] = []
         self._log_count = 0
         self._closed = False
-        self._font_px = 14.0 if camera is None else max(10.0, camera.width_px / 70)
+        self._font_px = font_px(camera)
 
     def write(
         self,
@@ -176,23 +186,15 @@ class McapLog:
         self._add(topics.annotations, stamp, messages.annotations(stamp, result.estimates, self._font_px))
         smoothed = {pose.marker: pose for pose in result.smoothed}
         for estimate in result.estimates:
-            name = estimate.marker
-            pose = smoothed.get(name)
-            self._add(topics.state(name), stamp, messages.state(estimate, pose, optical))
-            if estimate.votes:
-                self._add(topics.votes(name), stamp, messages.votes(estimate))
-            if estimate.xyz_cam_m is not None and estimate.status.measured:
-                self._add(topics.pose(name), stamp, messages.pose(stamp, estimate.xyz_cam_m, optical))
-            if pose is not None:
-                self._add(topics.smoothed(name), stamp, messages.pose(stamp, pose.xyz_cam_m, optical))
-        self._write_scene(result)
+            for topic, message in marker_messages(estimate, smoothed.get(estimate.marker), topics):
+                self._add(topic, stamp, message)
+        scene = self._scene.after(stamp, result.estimates)
+        if scene is not None:
+            self._add(topics.scene, stamp, scene)
         for request in result.requests:
             self._add(topics.requests, stamp, messages.request(request))
-        if result.views:
-            by_marker = {estimate.marker: estimate for estimate in result.estimates}
-            for view in result.views:
-                drawn = overlays.stage_picture(view, by_marker.get(view.marker))
-                self._add(topics.debug(view.marker), stamp, messages.image(stamp, drawn, optical))
+        for topic, message in debug_messages(result, topics):
+            self._add(topic, stamp, message)
         if overview is not None:
             drawn = overlays.overview_picture(overview, overview_step, result.estimates)
             self._add(topics.overview, stamp, messages.image(stamp, drawn, optical))
@@ -275,23 +277,6 @@ class McapLog:
             frames = messages.transforms(stamp_ns, WORLD_FRAME, topics.camera_frame, topics.optical_frame)
             self._add(topics.transforms, stamp_ns, frames)
 
-    def _write_scene(self, result: FrameResult) -> None:
-        due = self._next_scene_ns is None or result.stamp_ns >= self._next_scene_ns
-        entities = []
-        for estimate in result.estimates:
-            index, marker = self.markers.get(estimate.marker) or (0, MarkerSpec(estimate.marker))
-            trail = self._trails.setdefault(estimate.marker, _Trail())
-            trail.follow(estimate, due)
-            if due:
-                stretches = trail.stretches()
-                entity = messages.scene_entity(estimate, marker, index, stretches, self.topics.optical_frame)
-                if entity is not None:
-                    entities.append(entity)
-        if due:
-            self._next_scene_ns = result.stamp_ns + SCENE_PERIOD_NS
-        if entities:
-            self._add(self.topics.scene, result.stamp_ns, SceneUpdate(entities=entities))
-
     def _add(self, topic: str, stamp_ns: int, message: Message, metadata: dict[str, str] | None = None) -> None:
         channel = self._channels.get(topic)
         if channel is None:
@@ -302,6 +287,59 @@ class McapLog:
         self._sequences[topic] = sequence = self._sequences.get(topic, 0) + 1
         self._last_ns = log_time = max(stamp_ns, self._last_ns or 0)
         self._sink.add_message(channel, log_time, message.SerializeToString(), stamp_ns, sequence)
+
+
+def font_px(camera: Camera | None) -> float:
+    """How large annotations are written, so that they can be read on the whole picture."""
+    return 14.0 if camera is None else max(10.0, camera.width_px / 70)
+
+
+def marker_messages(
+    estimate: MarkerEstimate, pose: SmoothedPose | None, topics: Topics
+) -> Iterator[tuple[str, Message]]:
+    """What is written of one marker on one frame, by topic: state, votes, and poses where there are any."""
+    name, stamp, optical = estimate.marker, estimate.stamp_ns, topics.optical_frame
+    yield topics.state(name), messages.state(estimate, pose, optical)
+    if estimate.votes:
+        yield topics.votes(name), messages.votes(estimate)
+    if estimate.xyz_cam_m is not None and estimate.status.measured:
+        yield topics.pose(name), messages.pose(stamp, estimate.xyz_cam_m, optical)
+    if pose is not None:
+        yield topics.smoothed(name), messages.pose(stamp, pose.xyz_cam_m, optical)
+
+
+def debug_messages(result: FrameResult, topics: Topics) -> Iterator[tuple[str, Message]]:
+    """The stages' pictures of a frame, by topic."""
+    by_marker = {estimate.marker: estimate for estimate in result.estimates}
+    for view in result.views:
+        drawn = overlays.stage_picture(view, by_marker.get(view.marker))
+        yield topics.debug(view.marker), messages.image(result.stamp_ns, drawn, topics.optical_frame)
+
+
+class Scene:
+    """All markers in space with their paths of the last second, frame after frame; not more often than viewers draw."""
+
+    def __init__(self, markers: Sequence[MarkerSpec], frame_id: str) -> None:
+        self._markers = {marker.name: (index, marker) for index, marker in enumerate(markers)}
+        self._trails: dict[str, _Trail] = {marker.name: _Trail() for marker in markers}
+        self._frame_id = frame_id
+        self._next_ns: int | None = None
+
+    def after(self, stamp_ns: int, estimates: Iterable[MarkerEstimate]) -> Message | None:
+        """foxglove.SceneUpdate of one more frame; None where it is too early for one, or no marker has a place."""
+        due = self._next_ns is None or stamp_ns >= self._next_ns
+        entities = []
+        for estimate in estimates:
+            index, marker = self._markers.get(estimate.marker) or (0, MarkerSpec(estimate.marker))
+            trail = self._trails.setdefault(estimate.marker, _Trail())
+            trail.follow(estimate, due)
+            if due:
+                entity = messages.scene_entity(estimate, marker, index, trail.stretches(), self._frame_id)
+                if entity is not None:
+                    entities.append(entity)
+        if due:
+            self._next_ns = stamp_ns + SCENE_PERIOD_NS
+        return SceneUpdate(entities=entities) if entities else None
 
 
 class _Trail:

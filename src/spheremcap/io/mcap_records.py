@@ -14,11 +14,12 @@ import itertools
 import os
 import re
 import struct
+import sys
 import threading
 import zlib
 from array import array
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -66,17 +67,19 @@ class RawMessage(NamedTuple):
 
 
 @dataclass(slots=True)
-class _Piece:
-    """A chunk, or a run of messages outside chunks: where its bytes are and what its header says."""
+class Piece:
+    """A chunk, or a run of messages outside chunks: where its bytes are and what its header says (log times in ns)."""
 
     offset: int
     length: int
     start: int
     end: int
+    record: int = 0  # where a chunk's record begins
     compression: str | None = None  # None: a run of plain records
     size: int = 0
     crc: int = 0
     channels: set[int] | None = None  # from the message indexes behind a chunk; None: not known
+    indexes: dict[int, tuple[int, int]] | None = None  # where each of those begins, by channel, and its length
     reported: bool = False
     sorted: bool = False  # its messages that were out of order have been counted
 
@@ -127,11 +130,13 @@ class McapRecords:
     statistics state. `unordered` counts messages that were stored behind a later one of the same chunk; they come
     out in order.
 
-    Raises SourceError when the file is not there or holds no MCAP record at all.
+    Decompressed chunks of `held_bytes` at most are kept for the next time, but always one. Raises SourceError when the
+    file is not there or holds no MCAP record at all.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], *, held_bytes: int = _HELD_BYTES) -> None:
         self.path = Path(path)
+        self._held_bytes = held_bytes
         self.profile = ""
         self.library = ""
         self.schemas: dict[int, Schema] = {}
@@ -142,7 +147,7 @@ class McapRecords:
         self.unordered = 0
         self.all_read = False
         self._attachments: list[tuple[int, int]] = []
-        self._pieces: list[_Piece] = []
+        self._pieces: list[Piece] = []
         self._statistics: Statistics | None = None
         self._data_end = (0, 0)  # where the data section ends, and its checksum (0: none)
         self._compared: set[int] = set()
@@ -196,6 +201,61 @@ class McapRecords:
                 body = bytes(data[start + _MESSAGE.size : end])
                 yield RawMessage(channel, sequence, log_time, publish_time, body)
         self._compare(given, [i for i, c in self.channels.items() if topics is None or c.topic in topics])
+
+    def index_of(self, topic: str) -> "MessageIndex":
+        """Where each message of a topic is, in the order of `messages`, by the file's own message indexes.
+
+        A chunk without an index of its own is opened for it.
+        """
+        return self.index_of_channels(i for i, channel in self.channels.items() if channel.topic == topic)
+
+    def index_of_channels(self, ids: Iterable[int]) -> "MessageIndex":
+        """The same of channels by their ids, all together."""
+        return MessageIndex(self, frozenset(ids))
+
+    # --- piece by piece ---
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """The chunks, and the runs of messages outside of them, in the order of the file."""
+        return sorted(self._pieces, key=lambda piece: piece.offset)
+
+    def messages_of(self, piece: Piece) -> list[RawMessage]:
+        """The messages of one piece by log time. Raises SourceError where a channel's record is missing."""
+        data = self._load(piece, report=True)
+        entries = self._index(piece, data)
+        found = []
+        for start, end in zip(entries.starts, entries.ends, strict=True):
+            channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, start)
+            channel = self.channels.get(channel_id)
+            if channel is None:
+                raise SourceError(f"{self.path}: byte {piece.offset}: channel {channel_id} has no record")
+            body = bytes(data[start + _MESSAGE.size : end])
+            found.append(RawMessage(channel, sequence, log_time, publish_time, body))
+        return found
+
+    def defined_in(self, piece: Piece) -> list[int]:
+        """The ids of the channels whose records are in a chunk."""
+        data, position, found = self._load(piece, report=True), 0, []
+        while position + _HEADER.size <= len(data):
+            opcode, length = _HEADER.unpack_from(data, position)
+            position += _HEADER.size
+            if opcode == Opcode.CHANNEL:
+                found.append(int.from_bytes(data[position : position + 2], "little"))
+            position += length
+        return found
+
+    def stored(self, piece: Piece) -> tuple[bytes, dict[int, tuple[int, int]]] | None:
+        """A chunk's record with the message indexes behind it, as they are in the file; and by channel where its index
+        begins in them, and how many messages it has. None where there is no chunk, or no index behind it."""
+        if not piece.indexes:
+            return None
+        found = {
+            id_: (body - _HEADER.size - piece.record, (length - 6) // 16)
+            for id_, (body, length) in piece.indexes.items()
+        }
+        end = max(body + length for body, length in piece.indexes.values())
+        return self._read(piece.record, end - piece.record), found
 
     @property
     def chunk_count(self) -> int:
@@ -260,7 +320,7 @@ class McapRecords:
             self._compared.add(id_)
             self._lose(self._size, f"the file's own statistics say {stated} {what}, {given} can be read")
 
-    def _entries(self, topics: Collection[str] | None) -> Iterator[tuple[_Piece, int, int, _Data]]:
+    def _entries(self, topics: Collection[str] | None) -> Iterator[tuple[Piece, int, int, _Data]]:
         """Pieces opened as late as their start times allow, their messages merged by log time."""
         waiting = self._pieces
         if topics is not None:
@@ -268,7 +328,7 @@ class McapRecords:
             waiting = [p for p in waiting if p.channels is None or not p.channels.isdisjoint(wanted)]
         waiting = sorted(waiting, key=lambda p: (p.start, p.offset), reverse=True)
         heap: list[tuple[int, int, int]] = []  # log_time, offset of the piece, index of its next entry
-        opened: dict[int, tuple[_Piece, _Entries]] = {}
+        opened: dict[int, tuple[Piece, _Entries]] = {}
         held: dict[int, _Data] = {}
         while heap or waiting:
             while waiting and (not heap or waiting[-1].start <= heap[0][0]):
@@ -312,16 +372,16 @@ class McapRecords:
             if not _plausible(self._read, position, self._size):
                 position = 0
         in_data, finished, trusted = True, False, not self.lost
-        run: _Piece | None = None
-        chunk: _Piece | None = None
-        chunks: dict[int, _Piece] = {}
+        run: Piece | None = None
+        chunk: Piece | None = None
+        chunks: dict[int, Piece] = {}
         seen: Counter[int] = Counter()
         for opcode, offset, length in _walk(self._read, position, self._size, self._lose):
             seen[opcode] += 1
             if opcode == Opcode.MESSAGE and in_data:
                 channel_id, _, log_time, _ = _MESSAGE.unpack(self._read(offset, _MESSAGE.size))
                 if run is None or run.offset + run.length != offset - 9 or run.length >= _RUN_BYTES:
-                    run = _Piece(offset - 9, 0, log_time, log_time, channels=set())
+                    run = Piece(offset - 9, 0, log_time, log_time, channels=set())
                     self._pieces.append(run)
                 run.length = offset + length - run.offset
                 run.start, run.end = min(run.start, log_time), max(run.end, log_time)
@@ -332,8 +392,10 @@ class McapRecords:
                 self._pieces.append(chunk)
                 chunks[offset - 9] = chunk
             elif opcode == Opcode.MESSAGE_INDEX and chunk is not None:
-                chunk.channels = chunk.channels or set()
-                chunk.channels.add(struct.unpack("<H", self._read(offset, 2))[0])
+                channel_id = struct.unpack("<H", self._read(offset, 2))[0]
+                chunk.channels, chunk.indexes = chunk.channels or set(), chunk.indexes or {}
+                chunk.channels.add(channel_id)
+                chunk.indexes[channel_id] = (offset, length)
             elif opcode == Opcode.CHUNK_INDEX:
                 start, end, at = struct.unpack("<QQQ", self._read(offset, 24))
                 if at in chunks and (chunks[at].start, chunks[at].end) != (start, end):
@@ -397,14 +459,15 @@ class McapRecords:
             piece.channels = channels
         self._compare(self.counts, list(self.channels))
 
-    def _chunk(self, offset: int, length: int) -> _Piece:
+    def _chunk(self, offset: int, length: int) -> Piece:
         """The chunk record at `offset`; `length` may reach past the end of a file that was cut."""
         start, end, size, crc = _CHUNK.unpack(self._read(offset, _CHUNK.size))
         text = int.from_bytes(self._read(offset + _CHUNK.size, 4), "little")
         compression = self._read(offset + _CHUNK.size + 4, text).decode("utf-8", "replace")
         body = offset + _CHUNK.size + 4 + text
         stored = int.from_bytes(self._read(body, 8), "little")
-        return _Piece(body + 8, min(stored, self._size - body - 8), start, end, compression, size, crc)
+        length = min(stored, self._size - body - 8)
+        return Piece(body + 8, length, start, end, offset - _HEADER.size, compression, size, crc)
 
     def _summary_intact(self, footer: int) -> bool:
         """Whether the summary's checksum is right, or there is none."""
@@ -440,18 +503,18 @@ class McapRecords:
 
     # --- chunks ---
 
-    def _load(self, piece: _Piece, report: bool) -> _Data:
+    def _load(self, piece: Piece, report: bool) -> _Data:
         """A piece's records, decompressed as far as they can be; those that were opened last are at hand."""
         with self._opening:
             data = self._opened.pop(piece.offset, None)
             if data is None:
                 data = self._open(piece, report)
             self._opened[piece.offset] = data
-            while len(self._opened) > 1 and sum(map(len, self._opened.values())) > _HELD_BYTES:
+            while len(self._opened) > 1 and sum(map(len, self._opened.values())) > self._held_bytes:
                 self._opened.popitem(last=False)
             return data
 
-    def _open(self, piece: _Piece, report: bool) -> _Data:
+    def _open(self, piece: Piece, report: bool) -> _Data:
         stored = self._read(piece.offset, min(piece.length, LARGEST_CHUNK_BYTES))
         if piece.compression is None:
             return stored
@@ -463,7 +526,7 @@ class McapRecords:
             self._lose(piece.offset, f"chunk of {piece.size} bytes: {problem}")
         return data
 
-    def _index(self, piece: _Piece, data: _Data) -> _Entries:
+    def _index(self, piece: Piece, data: _Data) -> _Entries:
         """The messages of a piece by log time; its schemas and channels are kept on the way."""
         entries = _no_entries()
         time_of, start_of, end_of = entries.times.append, entries.starts.append, entries.ends.append
@@ -500,7 +563,7 @@ class McapRecords:
             entries = entries.by_time()
         return entries
 
-    def _lose_in(self, piece: _Piece) -> Callable[[int, str], None]:
+    def _lose_in(self, piece: Piece) -> Callable[[int, str], None]:
         where = piece.offset
         if piece.compression:
             return lambda at, what: self._lose(where, f"inside the chunk, at its byte {at}: {what}")
@@ -523,6 +586,89 @@ class McapRecords:
             raise SourceError(f"{self.path}: byte {offset} cannot be read: {error.strerror}") from error
         self._block = (offset, block)
         return block[:length]
+
+
+class MessageIndex:
+    """The messages of some channels by their number, from 0 by log time, each found and read in constant time."""
+
+    def __init__(self, records: McapRecords, channels: frozenset[int]) -> None:
+        self._records = records
+        self._channels = channels
+        self._locate(trusting=True)
+        counted = sum(records.counts.get(i, 0) for i in self._channels)
+        if len(self) != counted:
+            self._locate(trusting=False)
+
+    def __len__(self) -> int:
+        return len(self.log_times)
+
+    def message(self, number: int) -> RawMessage:
+        """The message with that number. Raises IndexError when there is none."""
+        found = self._message(number)
+        if found is None:  # the file's index leads elsewhere: what the chunks hold counts
+            self._locate(trusting=False)
+            found = self._message(number)
+        if found is None:
+            raise IndexError(f"there is no message {number}")
+        return found
+
+    def _message(self, number: int) -> RawMessage | None:
+        piece = self._records._pieces[self._piece_of[number]]
+        start, data = int(self._start_of[number]), self._records._load(piece, report=True)
+        if start + _HEADER.size + _MESSAGE.size > len(data):
+            return None
+        opcode, length = _HEADER.unpack_from(data, start)
+        body, end = start + _HEADER.size, start + _HEADER.size + length
+        if opcode != Opcode.MESSAGE or length < _MESSAGE.size or end > len(data):
+            return None
+        channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, body)
+        if channel_id not in self._channels or log_time != self.log_times[number]:
+            return None
+        channel = self._records.channels[channel_id]
+        return RawMessage(channel, sequence, log_time, publish_time, bytes(data[body + _MESSAGE.size : end]))
+
+    def _locate(self, trusting: bool) -> None:
+        pieces = sorted(enumerate(self._records._pieces), key=lambda numbered: numbered[1].offset)
+        times, starts, piece_of = array("Q"), array("Q"), array("I")
+        for number, piece in pieces:
+            if piece.channels is not None and piece.channels.isdisjoint(self._channels):
+                continue
+            found = self._stated(piece) if trusting else None
+            for log_time, start in self._opened(piece) if found is None else found:
+                times.append(log_time)
+                starts.append(start)
+                piece_of.append(number)
+        if any(a > b for a, b in itertools.pairwise(times)):
+            order = sorted(range(len(times)), key=times.__getitem__)
+            times = array("Q", map(times.__getitem__, order))
+            starts = array("Q", map(starts.__getitem__, order))
+            piece_of = array("I", map(piece_of.__getitem__, order))
+        self.log_times = times
+        """Log time of each message, ns, never falling."""
+        self._start_of, self._piece_of = starts, piece_of
+
+    def _stated(self, piece: Piece) -> list[tuple[int, int]] | None:
+        """(log time, where the record starts in the chunk) by the indexes behind a chunk; None when it has none."""
+        if piece.indexes is None:
+            return None
+        found: list[tuple[int, int]] = []
+        for id_ in self._channels & piece.indexes.keys():
+            body, length = piece.indexes[id_]
+            numbers = array("Q", self._records._read(body + 6, (length - 6) // 16 * 16))
+            if sys.byteorder == "big":
+                numbers.byteswap()
+            found += zip(numbers[::2], numbers[1::2], strict=True)
+        return sorted(found, key=lambda entry: entry[1])
+
+    def _opened(self, piece: Piece) -> list[tuple[int, int]]:
+        """The same by what the chunk holds."""
+        data = self._records._load(piece, report=True)
+        entries = self._records._index(piece, data)
+        return [
+            (log_time, start - _HEADER.size)
+            for log_time, start in zip(entries.times, entries.starts, strict=True)
+            if int.from_bytes(data[start : start + 2], "little") in self._channels
+        ]
 
 
 def _pread(fd: int, offset: int, length: int) -> bytes:

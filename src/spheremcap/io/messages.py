@@ -188,6 +188,7 @@ def state(estimate: MarkerEstimate, smoothed: SmoothedPose | None, frame_id: str
         smoothed_covariance=None if smoothed is None else _numbers(smoothed.covariance_m2),
         smoothed_velocity=None if smoothed is None else _vector(smoothed.velocity_cam_mps),
         reasons=estimate.reasons,
+        answer_frame=estimate.answer_frame,
     )
 
 
@@ -220,6 +221,7 @@ def request(asked: OperatorRequest) -> Message:
         raised_at_frame_index=asked.raised_at_frame_index,
         reason=asked.reason,
         reasons=asked.reasons,
+        answered=asked.answered,
     )
 
 

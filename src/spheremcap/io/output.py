@@ -11,13 +11,13 @@ import os
 import re
 import stat
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from secrets import token_hex
-from typing import IO, BinaryIO, Literal
+from typing import IO, BinaryIO, Literal, Protocol, TypeVar
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -370,14 +370,43 @@ def open_output(
     is MCAP's: "ros2" says that every channel is ROS 2's. Raises what `checked_output` raises, and OutputError when the
     file cannot be written.
     """
+    how = COMPRESSION[compression]
+    with records_output(path, lambda file: SharedWriter(file, how), inputs, overwrite, profile) as writer:
+        yield writer
+
+
+class RecordWriter(Protocol):
+    """What writes the records of an MCAP to a file that somebody else opens and publishes."""
+
+    complete: bool
+    part: Path | None
+    notes: tuple[str, ...]
+
+    def start(self, profile: str, library: str) -> None: ...
+
+    def finish(self) -> None: ...
+
+
+Made = TypeVar("Made", bound=RecordWriter)
+
+
+@contextmanager
+def records_output(
+    path: str | os.PathLike[str],
+    make: Callable[[IO[bytes]], Made],
+    inputs: Sequence[Path] = (),
+    overwrite: bool = False,
+    profile: str = "",
+) -> Iterator[Made]:
+    """`open_output` for a writer of any kind, whose every write is a run of whole records."""
     with _part_file(path, inputs, overwrite) as part:
         file = _RecordFile(part)
-        writer = SharedWriter(file, COMPRESSION[compression])  # type: ignore[arg-type]
+        writer = make(file)  # type: ignore[arg-type]
         writer.part, writer.notes = part.path, part.notes
         try:
             writer.start(profile, LIBRARY)
             yield writer
-            writer.finish()  # type: ignore[no-untyped-call]
+            writer.finish()
             part.complete, part.keep = writer.complete, file.has_messages
         except BaseException as error:
             if not isinstance(error, UsageError):
@@ -391,11 +420,11 @@ def open_output(
             file.close()
 
 
-def _end(writer: Writer, file: "_RecordFile") -> None:
+def _end(writer: RecordWriter, file: "_RecordFile") -> None:
     """Make the file readable after something went wrong; without an index when it did not take a write."""
     with suppress(OutputError):
         if file.takes_more and not file.data_ended:
-            writer.finish()  # type: ignore[no-untyped-call]
+            writer.finish()
     with suppress(OutputError):
         file.seal()
 

@@ -45,6 +45,11 @@ def stage_picture(view: StageView, estimate: MarkerEstimate | None) -> EncodedPi
     return _jpeg(draw_stages(view, estimate))
 
 
+def overview_step(width_px: int) -> int:
+    """Every how many pixels a whole frame of this width is sampled for its overview."""
+    return max(1, round(width_px / 640))
+
+
 def overview_picture(image: BgrImage, step: int, estimates: Iterable[MarkerEstimate]) -> EncodedPicture:
     """A whole frame, sampled every `step`-th pixel from step // 2, with all circles and names burnt in."""
     canvas = image.copy()
@@ -62,6 +67,15 @@ def overview_picture(image: BgrImage, step: int, estimates: Iterable[MarkerEstim
         y = int((circle.y_px - circle.r_px) * scale)
         _text(canvas, f"{estimate.marker} {estimate.status.value}", (x, max(y, 12)), colour)
     return _jpeg(canvas)
+
+
+def request_picture(image: BgrImage, estimates: Iterable[MarkerEstimate]) -> bytes:
+    """A whole frame as PNG, in its own pixels, with a thin circle where each of the estimates has its marker."""
+    canvas = image.copy()
+    for estimate in estimates:
+        if estimate.circle is not None:
+            _ring(canvas, estimate.circle, (0, 0), 1.0, 0.0, _status_bgr(estimate.status))
+    return bytes(cv2.imencode(".png", canvas)[1].tobytes())
 
 
 def draw_stages(view: StageView, estimate: MarkerEstimate | None) -> BgrImage:

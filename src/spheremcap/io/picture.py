@@ -91,7 +91,7 @@ def bounded(context: VideoCodecContext) -> VideoCodecContext:
 # --- decoded video ---
 
 
-class Pictures:
+class DecodedPictures:
     """The decoded pictures of one stream as frames, upright; size, orientation and chroma siting are the first's."""
 
     def __init__(self, first: av.VideoFrame) -> None:

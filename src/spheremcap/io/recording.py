@@ -24,7 +24,9 @@ from google.protobuf.message import DecodeError
 from mcap.records import Channel
 
 from spheremcap.core.camera import Camera
-from spheremcap.core.estimate import OperatorRequest, Status
+from spheremcap.core.circle import Circle
+from spheremcap.core.estimate import MarkerEstimate, OperatorRequest, Status
+from spheremcap.core.frame import Window
 from spheremcap.core.vote import Verdict
 from spheremcap.errors import SourceError, UsageError, short
 from spheremcap.io import _pb
@@ -42,7 +44,7 @@ STATE = _pb.MarkerState.DESCRIPTOR.full_name
 REQUEST = _pb.OperatorRequest.DESCRIPTOR.full_name
 CALIBRATION = CameraCalibration.DESCRIPTOR.full_name
 SENSORS = (_pb.ImuSample.DESCRIPTOR.full_name, _pb.WheelSample.DESCRIPTOR.full_name)
-UNREADABLE = (DecodeError, ValueError, OverflowError)
+UNREADABLE = (DecodeError, ValueError, OverflowError, KeyError)
 """What reading a message of ours ends in when it is damaged."""
 _TIMESTAMP = "google.protobuf.Timestamp"
 _DEEPEST = 8  # levels of a sensor's message that are looked into; a message may hold itself
@@ -64,6 +66,21 @@ class StateRow(NamedTuple):
     proposer: str
     reasons: str
     numbers: tuple[float, ...]
+
+    @property
+    def circle_px(self) -> tuple[float, ...]:
+        """x, y and radius in pixels."""
+        return self.numbers[_Numbers.circle_px]
+
+    @property
+    def xyz_cam_m(self) -> tuple[float, ...]:
+        """Position in the camera's optical frame, metres."""
+        return self.numbers[_Numbers.xyz_cam_m]
+
+    @property
+    def vote_sum(self) -> float:
+        """Of 6."""
+        return self.numbers[_Numbers.vote_sum]
 
 
 class _Numbers:
@@ -322,6 +339,31 @@ def state_row(data: bytes, stamp_ns: int) -> StateRow:
     )
 
 
+def estimate_of(data: bytes) -> MarkerEstimate:
+    """The estimate of a serialised spheremcap.MarkerState; its votes are in another message. Raises UNREADABLE."""
+    m = _pb.MarkerState.FromString(data)
+    has, square = m.HasField, (3, 3)
+    sd = m.circle_sd
+    return MarkerEstimate(
+        m.marker, int(m.frame_index), stamp_of(m.timestamp), Status(_STATUS[m.status]),
+        Circle(*_xyr(m.circle)) if has("circle") else None,
+        (sd.x_px, sd.y_px, sd.r_px) if has("circle_sd") else None,
+        Circle(*_xyr(m.claim)) if has("claim") else None,
+        m.proposer,
+        tuple((p.proposer, Circle(*_xyr(p.circle))) for p in m.proposals),
+        Window(m.search.x, m.search.y, m.search.width, m.search.height) if has("search") else None,
+        (),
+        m.vote_sum if has("vote_sum") else None,
+        Verdict(_VERDICT[m.verdict]) if has("verdict") else None,
+        m.visible if has("visible") else None,
+        np.array(_xyz(m.position)) if has("position") else None,
+        np.array(m.covariance).reshape(square) if len(m.covariance) == 9 else None,
+        np.array(_xyz(m.velocity)) if has("velocity") else None,
+        tuple(m.reasons),
+        int(m.answer_frame) if has("answer_frame") else None,
+    )  # fmt: skip
+
+
 def match(samples: IntArray, stamps: IntArray, tolerance_ns: int | None = None) -> IntArray:
     """For each of `stamps` (M,) the index of the nearest of the rising `samples` (N,), -1 where none is.
 
@@ -523,6 +565,7 @@ def request_of(raw: RawMessage) -> OperatorRequest:
         raised_stamp_ns=stamp_of(message.timestamp),
         reason=message.reason,
         reasons=tuple(message.reasons),
+        answered=message.answered,
     )
 
 

@@ -1,5 +1,6 @@
 """What is tracked: a video file, a folder of pictures, or image topics of a recording with what is copied of it."""
 
+import hashlib
 import itertools
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -16,7 +17,7 @@ from spheremcap.io.join import McapStream
 from spheremcap.io.mcap_images import McapImageSource, TimeBase, image_topics
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.source import Source
-from spheremcap.io.topics import LOG, MARKERS, OVERVIEW, REQUESTS, SCENE, TRANSFORMS, Topics
+from spheremcap.io.topics import LOG, MARKERS, OVERVIEW, REQUESTS, SCENE, TRANSFORMS, Topics, TopicsBeside
 from spheremcap.io.video import VideoSource
 
 Copy = Literal["all", "images", "none"]
@@ -78,30 +79,12 @@ class CameraView:
         camera = ["annotations"] + ["calibration"] * calibration + ([pictures] if pictures else [])
         root = _free(self.name, [LOG, SCENE, REQUESTS, OVERVIEW, MARKERS], self.taken)
         frame_id = self.source.frame_id
-        return _TopicsBeside(
+        return TopicsBeside(
             _free(self.name or _prefix(self.source.topic), camera, self.taken),
             root,
             "" if frame_id else f"{_free(root, [TRANSFORMS], self.taken)}/{TRANSFORMS}",
             frame_id,
         )
-
-
-@dataclass(frozen=True)
-class _TopicsBeside(Topics):
-    """Topics beside those of the input: /tf is often taken, and the camera's coordinate frame is the input's where
-    it has one; where that stands is then the input's to say, and we write no transforms.
-    """
-
-    tf: str = ""
-    frame_id: str = ""
-
-    @property
-    def transforms(self) -> str:
-        return self.tf
-
-    @property
-    def optical_frame(self) -> str:
-        return self.frame_id or f"{self.camera_frame}_optical"
 
 
 @dataclass(frozen=True)
@@ -240,3 +223,16 @@ def _free(place: str, leaves: Sequence[str], taken: Collection[str]) -> str:
         if not any(topic == mine or topic.startswith(f"{mine}/") for topic in taken for mine in ours):
             return tried
     raise AssertionError
+
+
+def fingerprint(path: Path) -> tuple[int, str]:
+    """Size in bytes and SHA-256 of a file, or of a folder's files one after another, by name."""
+    if path.is_dir():
+        whole, size = hashlib.sha256(), 0
+        for file_path in sorted(p for p in path.iterdir() if p.is_file()):
+            with file_path.open("rb") as file:
+                whole.update(hashlib.file_digest(file, "sha256").digest())
+            size += file_path.stat().st_size
+        return size, whole.hexdigest()
+    with path.open("rb") as file:
+        return path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()

@@ -119,7 +119,8 @@ def summarise(path: str | os.PathLike[str], *, check: bool = False) -> Summary:
                 records.undecodable(raw.channel.topic, error)
         channels = sorted(records.channels.values(), key=lambda channel: (channel.topic, channel.id))
         names = schema_names(records)
-        video = tuple(_picture_line(records, c, count_bad=not check) for c in channels if names[c.id] in PICTURES)
+        shown = {c.topic: c for c in reversed(channels) if names[c.id] in PICTURES}
+        video = tuple(_picture_line(records, shown[topic], count_bad=not check) for topic in sorted(shown))
         start_ns, end_ns = records.span_ns or (None, None)
         return Summary(
             path=Path(path),
@@ -128,9 +129,7 @@ def summarise(path: str | os.PathLike[str], *, check: bool = False) -> Summary:
             library=records.library,
             start_ns=start_ns,
             end_ns=end_ns,
-            topics=tuple(
-                TopicSummary(c.topic, names[c.id], c.message_encoding, records.counts.get(c.id, 0)) for c in channels
-            ),
+            topics=_topics(records, channels, names),
             markers=tuple(gap.summary(name, requests.get(name, [])) for name, gap in gaps.items()),
             video=video,
             runs=runs_of(records),
@@ -140,6 +139,15 @@ def summarise(path: str | os.PathLike[str], *, check: bool = False) -> Summary:
             damage=damage_line(records),
             lost=tuple(records.damage()),
         )
+
+
+def _topics(records: McapRecords, channels: Sequence[Channel], names: Mapping[int, str]) -> tuple[TopicSummary, ...]:
+    """A line for each topic; what rests on a person's answers is on a channel of its own, and counted in."""
+    counts: dict[tuple[str, str, str], int] = {}
+    for c in channels:
+        key = c.topic, names[c.id], c.message_encoding
+        counts[key] = counts.get(key, 0) + records.counts.get(c.id, 0)
+    return tuple(TopicSummary(*key, count) for key, count in counts.items())
 
 
 class _Checked:
@@ -197,7 +205,8 @@ class _Gap:
 def _picture_line(records: McapRecords, channel: Channel, count_bad: bool) -> str:
     """`/camera/video: h264, 480 pictures`; `count_bad` says whether a message that does not decode is a new one."""
     schema = records.schemas[channel.schema_id]
-    count, kind = records.counts.get(channel.id, 0), schema.name.removeprefix("foxglove.")
+    kind = schema.name.removeprefix("foxglove.")
+    count = sum(records.counts.get(c.id, 0) for c in records.channels.values() if c.topic == channel.topic)
     raw = next(iter(records.messages([channel.topic])), None)
     try:
         decode = decoder(channel, schema)

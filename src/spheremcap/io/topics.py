@@ -1,5 +1,6 @@
 """Every topic and coordinate frame that a recording of ours has, in one place."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 LOG = "log"
@@ -10,6 +11,11 @@ OVERVIEW = "debug/overview"
 MARKERS = "markers"
 
 WORLD_FRAME = "world"
+
+REPLACED = "/replaced"
+"""What goes before a topic whose messages a person's answers have put others in the place of."""
+ANSWERED = {"made_by": "answers"}
+"""The metadata of a channel whose messages rest on what a person answered; the topic's own channel has the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,3 +104,37 @@ class Topics:
     def optical_frame(self) -> str:
         """The camera's optical frame: x right, y down, z forward; all our poses are in it."""
         return f"{self.camera_frame}_optical"
+
+    def facts(self) -> dict[str, str]:
+        """What a recording says of its topics, so that they are found again: see `topics_of`."""
+        return {
+            "topics.camera": self.camera,
+            "topics.root": self.root,
+            "topics.tf": self.transforms,
+            "topics.frame_id": self.optical_frame,
+        }
+
+
+@dataclass(frozen=True)
+class TopicsBeside(Topics):
+    """Topics beside those of the input: /tf is often taken, and the camera's coordinate frame is the input's where
+    it has one; where that stands is then the input's to say, and we write no transforms.
+    """
+
+    tf: str = ""
+    frame_id: str = ""
+
+    @property
+    def transforms(self) -> str:
+        return self.tf
+
+    @property
+    def optical_frame(self) -> str:
+        return self.frame_id or f"{self.camera_frame}_optical"
+
+
+def topics_of(facts: Mapping[str, str]) -> Topics | None:
+    """The topics of a run by what the recording says of it; None where it does not."""
+    if "topics.camera" not in facts:
+        return None
+    return TopicsBeside(*(facts.get(f"topics.{name}", "") for name in ("camera", "root", "tf", "frame_id")))

@@ -29,7 +29,7 @@ from spheremcap.core.time import NS_PER_S, parse_time_ns, ticks_to_ns
 from spheremcap.errors import SourceError, short
 from spheremcap.io.annex_b import CODECS, AnnexB, Packet
 from spheremcap.io.input_file import checked_input
-from spheremcap.io.picture import LARGEST_PX, Pictures, bounded
+from spheremcap.io.picture import LARGEST_PX, DecodedPictures, bounded
 from spheremcap.io.source import Losses
 
 StartTimeSource = Literal["start-time", "creation-time", "zero"]
@@ -37,10 +37,10 @@ StartTimeSource = Literal["start-time", "creation-time", "zero"]
 _COVERS = Disposition.attached_pic | Disposition.timed_thumbnails | Disposition.still_image
 _FREE_RUNNING_CLOCKS = ("mpegts", "mpeg")
 _TS_PACKET_BYTES = (188, 192, 204)
-_INVISIBLE_PICTURES = ("vp8",)
+INVISIBLE_PICTURES = ("vp8",)
 """Codecs with packets that show no picture, so that packets and pictures cannot be counted off."""
 _LONGEST_PICTURE_NS = 10 * NS_PER_S
-_END_OF_TIME_NS = (1 << 63) - 1
+END_OF_TIME_NS = (1 << 63) - 1
 
 _Decoded: TypeAlias = "tuple[av.VideoFrame, Packet | None]"
 """A picture and the packet it came from (None when its time stamp does not say which)."""
@@ -62,7 +62,7 @@ class VideoSource:
         self.path = Path(path)
         self.lost = Losses()
         self._packets_wanted = packets
-        self._container, self._stream = _open(self.path)
+        self._container, self._stream = open_video(self.path)
         stream = self._stream
         self.codec: str = stream.codec_context.codec.canonical_name
         rate = stream.average_rate
@@ -82,17 +82,19 @@ class VideoSource:
         picture = first[0]
         self.pixel_format: str = picture.format.name
         self.interlaced = picture.interlaced_frame
-        self._picture = Pictures(picture)
-        self.width_px, self.height_px = self._picture.width_px, self._picture.height_px
-        self.rotation_deg = self._picture.orientation.clockwise_deg
+        self.decoded = DecodedPictures(picture)
+        """Makes frames of the stream's decoded pictures."""
+        self.width_px, self.height_px = self.decoded.width_px, self.decoded.height_px
+        self.rotation_deg = self.decoded.orientation.clockwise_deg
         """Clockwise turn, 0, 90, 180 or 270, that the stored picture needs and every Frame has had."""
         aspect = float(stream.sample_aspect_ratio or 1)
         aspect = aspect if 0.1 <= aspect <= 10 else 1.0
-        self.pixel_aspect = 1 / aspect if self._picture.orientation.transposed else aspect
+        self.pixel_aspect = 1 / aspect if self.decoded.orientation.transposed else aspect
         """How much wider than high a pixel of a Frame is, as the stream says; 1 where it says nothing."""
         pts = picture.pts or 0
         free = self._container.format.name in _FREE_RUNNING_CLOCKS
-        self._origin_ticks = pts if free or pts < 0 else 0
+        self.origin_ticks = pts if free or pts < 0 else 0
+        """The time stamp that is at `start_time_ns`."""
 
     def __enter__(self) -> "VideoSource":
         return self
@@ -114,16 +116,16 @@ class VideoSource:
         """
         if self._peeked is None:
             self._container.close()
-            self._container, self._stream = _open(self.path)
+            self._container, self._stream = open_video(self.path)
             pictures: Iterator[_Decoded] = self._decode()
         else:
             pictures = itertools.chain([self._peeked], self._pictures)
             self._peeked = None
         annex_b = AnnexB(self.codec, self._stream) if self.passthrough_reason is None else None
-        clock = _Clock(self._stream, self._origin_ticks, _END_OF_TIME_NS - self.start_time_ns)
+        clock = _Clock(self._stream, self.origin_ticks, END_OF_TIME_NS - self.start_time_ns)
         for index, (picture, packet) in enumerate(pictures):
-            if (picture.width, picture.height) != self._picture.coded_size:
-                was, now = self._picture.coded_size, (picture.width, picture.height)
+            if (picture.width, picture.height) != self.decoded.coded_size:
+                was, now = self.decoded.coded_size, (picture.width, picture.height)
                 self.lost.stopped = (
                     f"{self.path}: the picture size changes from {was[0]}x{was[1]} to {now[0]}x{now[1]} "
                     f"after {index} pictures; the rest is left out"
@@ -133,7 +135,7 @@ class VideoSource:
             self.lost.restamped += not as_stated
             self.lost.damaged += picture.is_corrupt
             try:
-                frame = self._picture.frame(index, self.start_time_ns + since_start_ns, picture)
+                frame = self.decoded.frame(index, self.start_time_ns + since_start_ns, picture)
             except (av.FFmpegError, ValueError) as error:
                 self.lost.miss(f"picture {index}: its pixels cannot be converted ({short(error)})")
                 continue
@@ -162,7 +164,7 @@ class VideoSource:
             return f"the codec is {self.codec}, not h264 or hevc"
         if self.pixel_format not in ("yuv420p", "yuvj420p"):
             return f"the pixel format is {self.pixel_format}, not 8-bit 4:2:0"
-        if not self._picture.orientation.upright:
+        if not self.decoded.orientation.upright:
             return "the picture is stored rotated or mirrored"
         if self.interlaced:
             return "the pictures are interlaced"
@@ -182,7 +184,7 @@ class VideoSource:
         waiting: dict[int, Packet] = {}
         last: tuple[int, bool] | None = None  # time stamp of the latest packet, and whether it is cut short
         errors = pictures_out = 0
-        one_to_one = self.codec not in _INVISIBLE_PICTURES
+        one_to_one = self.codec not in INVISIBLE_PICTURES
         ended = False
         while not ended:
             try:
@@ -218,7 +220,7 @@ class VideoSource:
         lost.stopped = lost.stopped or _cut_short(self.path, container, stream, last, pictures_out)
 
 
-def _open(path: Path) -> tuple[av.container.InputContainer, av.VideoStream]:
+def open_video(path: Path) -> tuple[av.container.InputContainer, av.VideoStream]:
     """Open a file and pick its video stream; every way this can fail is one SourceError."""
     checked_input(path, "a video")
     try:
@@ -292,7 +294,7 @@ def _start(
             created_ns = parse_time_ns(metadata["creation_time"])
         except (KeyError, ValueError, OverflowError):
             continue
-        if 0 < created_ns < _END_OF_TIME_NS // 2:  # after 2116 it is no time of a camera's
+        if 0 < created_ns < END_OF_TIME_NS // 2:  # after 2116 it is no time of a camera's
             return created_ns, "creation-time"
     return 0, "zero"
 
@@ -337,7 +339,7 @@ def _cut_short(
 
 def _packets_reason(path: Path, codec: str) -> str | None:
     """Read all packets and say why they are not one picture each in display order; None when they are."""
-    container, stream = _open(path)
+    container, stream = open_video(path)
     previous: int | None = None
     try:
         for packet in container.demux(stream):
