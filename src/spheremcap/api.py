@@ -7,6 +7,7 @@ import os
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
+from copy import copy
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
@@ -16,6 +17,7 @@ from typing import Literal
 
 from pydantic import ValidationError
 
+from spheremcap.attended import Asked, Attended, Operator
 from spheremcap.config import CameraSettings, MarkerSettings, Settings, seeds_toml
 from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
@@ -40,6 +42,7 @@ from spheremcap.io.join import Join
 from spheremcap.io.mcap_images import McapImageSource
 from spheremcap.io.mcap_log import McapLog, RunInfo
 from spheremcap.io.output import SharedWriter, checked_output, open_output
+from spheremcap.io.pictures import Pictures, open_pictures
 from spheremcap.io.recording import Recording, open
 from spheremcap.io.source import Source as FrameSource
 from spheremcap.io.sources import CameraView, FromMcap, fingerprint, open_input
@@ -49,11 +52,13 @@ from spheremcap.proposals import Proposal
 from spheremcap.proposals import propose as proposed_on
 from spheremcap.session import Session, check_answers
 from spheremcap.snap import Snap, snapped
-from spheremcap.stretch import Stretch, base_seeds
+from spheremcap.stretch import Stretch, Terms, base_seeds
 
 __all__ = [
+    "Asked",
     "Dataset",
     "Found",
+    "Operator",
     "Proposal",
     "Recording",
     "RetrackReport",
@@ -276,6 +281,7 @@ def track(
     start_time_ns: int | None = None,
     rate: Fraction | None = None,
     mcap: FromMcap | None = None,
+    operator: Operator | None = None,
     found: Found | None = None,
     progress: Progress = lambda done, total: None,
     stop: Callable[[], bool] = lambda: False,
@@ -284,12 +290,13 @@ def track(
 
     A marker's first seed is where its track begins; what comes after it in `seeds` are answers, for which the frames
     are gone over once more when all have been tracked, as `retrack` does it. Markers that only the seeds name get the
-    default diameter. With several image topics, each is a camera of its
-    own, and a seed's marker is named after the camera's topic: `front/left_wrist` is on /front/image. `folder` is
-    where relative paths in the settings start, `inputs` the files that settings and seeds came from: the output must be
-    none of them. `start_time_ns` is for videos and folders of pictures, `rate` (pictures a second) for folders, `mcap`
-    for recordings. `found` is where seeds came from that nobody gave (`find`): its words go into the recording. `stop`
-    is asked before every frame and ends the recording there, readable under OUT.part. Raises SpheremcapError.
+    default diameter. With several image topics, each is a camera of its own, and a seed's marker is named after the
+    camera's topic: `front/left_wrist` is on /front/image. `folder` is where relative paths in the settings start,
+    `inputs` the files that settings and seeds came from: the output must be none of them. `start_time_ns` is for videos
+    and folders of pictures, `rate` (pictures a second) for folders, `mcap` for recordings. `operator` is asked at each
+    request, and tracking waits for it; without one, requests are only written. `found` is where seeds came from that
+    nobody gave (`find`): its words go into the recording. `stop` is asked before every frame and ends the recording
+    there, readable under OUT.part. Raises SpheremcapError.
     """
     path, out = Path(source_path), Path(output)
     given_files = [path, *inputs] + ([folder / settings.camera.file] if settings.camera.file is not None else [])
@@ -317,6 +324,8 @@ def track(
             copy = Join(writer, given.streams, lambda written: not stop())
             for camera in cameras:
                 logs.enter_context(camera.begin(writer))
+                if operator is not None:
+                    camera.attend(operator, logs)
             last_ns = 0
             steps = [logs.enter_context(closing(camera.steps(go_on))) for camera in cameras]
             with in_order() as writing:
@@ -329,6 +338,7 @@ def track(
             if not report.stopped:
                 copy.rest()
                 report.stopped = copy.stopped
+            seeds = [*seeds, *(answer for camera in cameras for answer in camera.answers)]
             answered = len(base_seeds(seeds)) < len(seeds) and not report.stopped
             writer.complete = not report.stopped and not answered
             report.part = writer.part if report.stopped and writer.counts else None
@@ -429,6 +439,9 @@ class _Camera:
     ) -> None:
         source = view.source
         self._view, self._output = view, settings.output
+        self._attended: Attended | None = None
+        self.answers: list[Answer] = []
+        """Those that were given while it ran, by the names that they have in a seeds file."""
         begun = base_seeds(seeds)
         last = source.frame_count_hint
         for seed in seeds:
@@ -453,6 +466,7 @@ class _Camera:
         self._specs = [m.spec() for m in settings.markers]
         try:
             check_answers(seeds, [spec.name for spec in self._specs], camera.width_px, camera.height_px)
+            self._given, self._settings, self._camera, self._metric = list(seeds), settings, camera, metric
             self._session = Session(
                 camera, self._specs, begun, settings.chain, settings.session,
                 exposure_s=settings.camera.exposure_s, readout_s=settings.camera.readout_s,
@@ -475,6 +489,7 @@ class _Camera:
         )  # fmt: skip
         self._statuses = {spec.name: Counter[Status]() for spec in self._specs}
         self._before: dict[str, Status] = {}
+        self._latest: Frame | None = None
         self._measured: dict[str, MarkerEstimate] = {}
         self._frames = self._requests = 0
 
@@ -482,6 +497,53 @@ class _Camera:
         """Start this camera's part of the recording."""
         self._log = McapLog(writer, camera=self._calibration, markers=self._specs, run=self._run, topics=self._topics)
         return self._log
+
+    def attend(self, operator: Operator, files: ExitStack) -> None:
+        """From now on a person is asked at each request."""
+        source, camera, settings = self._view.source, self._camera, self._settings
+        place = f"{name}/" if (name := self._view.name.strip("/")) else ""
+        pictures: list[Pictures] = []
+
+        def frame_at(index: int) -> Frame | None:
+            if not pictures:  # opened when it is first asked for
+                time = source.time if isinstance(source, McapImageSource) else "header"
+                rate = source.stated_rate if isinstance(source, PictureFolder) else None
+                opened = open_pictures(source.path, topic=source.topic or None, time=time, rate=rate)
+                pictures.append(files.enter_context(opened))
+            there = pictures[0]
+            frame = there.frame(index) if there.first_index <= index < there.count else None
+            if frame is None or self._latest is None:
+                return frame
+            shifted = copy(frame)
+            shifted.stamp_ns += self._latest.stamp_ns - there.stamp_ns(self._latest.index)
+            return shifted
+
+        def check(answers: Sequence[Answer]) -> None:
+            names = [spec.name for spec in self._specs]
+            known = {(type(answer), answer.marker, answer.frame_index) for answer in self._given}
+            for answer in answers:
+                if (type(answer), answer.marker, answer.frame_index) in known:
+                    raise UsageError(f"{answer.marker} has such an answer on frame {answer.frame_index} already")
+            check_answers([*self._given, *answers], names, camera.width_px, camera.height_px)
+
+        def plain(answer: Answer) -> Answer:
+            return replace(answer, marker=answer.marker.removeprefix(place))
+
+        def ask(asked: Asked) -> Sequence[Answer]:
+            request = replace(asked.request, marker=place + asked.request.marker)
+            named = replace(asked, request=request, check=lambda answers: check(list(map(plain, answers))))
+            given = list(operator.ask(named))
+            self.answers += given
+            self._given += map(plain, given)
+            return [plain(answer) for answer in given]
+
+        known = settings.camera
+        terms = Terms(
+            camera, self._metric, tuple(self._specs), settings.chain, settings.session, known.exposure_s,
+            known.readout_s, source.first_index, 10**9,
+        )  # fmt: skip
+        begun = base_seeds(self._given)
+        self._attended = Attended(terms, frame_at, ask, [a for a in self._given if a not in begun])
 
     def steps(self, go_on: Callable[[], bool]) -> Generator[tuple[int, Callable[[], None]], None, None]:
         """For each frame the log time of its messages, which never falls, and what writes them.
@@ -502,7 +564,10 @@ class _Camera:
                     return
                 full = self._output.debug_images == "full" and overview_due(frame.stamp_ns)
                 waiting.append((picture, frame.reduced(step) if full else None))
+                self._latest = frame
                 yield frame
+                if self._attended is not None and self._session.latest is not None:
+                    self._attended.after(frame, self._session.latest)
 
         log_ns = 0
         with closing(ahead((frame, encode(frame)) for frame in source.frames())) as pictures:

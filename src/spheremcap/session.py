@@ -121,7 +121,7 @@ class Session:
         with ThreadPoolExecutor(self._threads, "look") if self._threads > 1 else nullcontext() as pool:
             for frame in frames:
                 count, last = count + 1, max(last, frame.index)
-                result = self._frame(frame, pool.map if pool is not None else map)
+                result = self.take(frame, pool.map if pool is not None else map)
                 pending.append((self._taken, result))
                 # Smoothing in blocks of one lag costs each pose two backward steps, whatever the lag.
                 if len(pending) >= 2 * lag:
@@ -134,7 +134,8 @@ class Session:
                     + (f" (0 to {last})" if count else "")
                 )
 
-    def _frame(self, frame: Frame, side_by_side: Callable[..., Iterable[tuple[Look, ...]]]) -> FrameResult:
+    def take(self, frame: Frame, side_by_side: Callable[..., Iterable[tuple[Look, ...]]] = map) -> FrameResult:
+        """One more frame's result, not smoothed: for a caller who gives frame by frame, and does not `run`."""
         self._taken += 1
         found: dict[str, MarkerEstimate] = {}
         views: dict[str, StageView] = {}

@@ -210,8 +210,8 @@ class _Way:
         start, terms = stretch.answer.frame_index, self._terms
         k = bisect_right(self._borders, start)
         last = self._borders[k] - 1 if k < len(self._borders) else terms.last_index
-        meeting = _Meeting(lambda index: self._base(index).get(self._spec.name))
-        session = self._session(stretch.answer, self._corrected.hidden, terms.readout_s)
+        meeting = Meeting(lambda index: self._base(index).get(self._spec.name))
+        session = begun(stretch.answer, self._corrected.hidden, terms, self._base, terms.readout_s)
         stretch.after = f"the next circle, on frame {last + 1}" if k < len(self._borders) else "the last frame"
 
         def frames() -> Iterator[Frame]:
@@ -242,8 +242,9 @@ class _Way:
             stretch.before = stretch.after = f"frame {start} cannot be decoded"
             return
         twice_ns = 2 * at.stamp_ns
-        meeting = _Meeting(self._track)
-        session = self._session(stretch.answer, (), None if terms.readout_s is None else -terms.readout_s)
+        meeting = Meeting(self._track)
+        readout_s = None if terms.readout_s is None else -terms.readout_s
+        session = begun(stretch.answer, (), terms, self._base, readout_s)
         stretch.before = f"the circle before, on frame {last}" if k else "the first frame"
 
         def frames() -> Iterator[Frame]:
@@ -281,35 +282,6 @@ class _Way:
         else:
             stretch.leave([index for index in found if index < believed])
 
-    def _session(self, answer: Seed, hidden: Sequence[Hidden], readout_s: float | None) -> Session:
-        terms = self._terms
-        return Session(
-            terms.camera, [self._spec], [answer, *hidden], terms.chain, terms.session, exposure_s=terms.exposure_s,
-            metric=terms.metric, readout_s=readout_s, keep_view=terms.keep_view(), threads=1,
-            others=self._others(answer),
-        )  # fmt: skip
-
-    def _others(self, answer: Seed) -> Others:
-        """The other markers' places in the base. Of one that sits where a person says that this marker is nothing is
-        believed."""
-        there = self._base(answer.frame_index)
-        astray = {name for name, other in there.items() if other.circle and other.circle.dice(answer.circle) > _ASTRAY}
-        astray.add(answer.marker)
-
-        def others(frame_index: int, range_m: float) -> list[Circle]:
-            found = (other for name, other in self._base(frame_index).items() if name not in astray)
-            return [e.circle for e in found if e.circle and e.status.measured and self._range_m(e) < range_m]
-
-        return others
-
-    def _range_m(self, estimate: MarkerEstimate) -> float:
-        """How far away a measured marker is, as its chain has it; by its size where no metres were given out."""
-        if estimate.xyz_cam_m is not None:
-            return float((estimate.xyz_cam_m @ estimate.xyz_cam_m) ** 0.5)
-        assert estimate.circle is not None
-        radius_m = next(spec.radius_m for spec in self._terms.markers if spec.name == estimate.marker)
-        return self._terms.camera.fx_px * radius_m / estimate.circle.r_px
-
     def _track(self, frame_index: int) -> MarkerEstimate | None:
         """The marker on a frame after all forward stretches."""
         stretch = self._corrected.stretch_at(frame_index)
@@ -318,7 +290,40 @@ class _Way:
         return self._base(frame_index).get(self._spec.name)
 
 
-class _Meeting:
+def begun(answer: Seed, hidden: Sequence[Hidden], terms: Terms, base: Base, readout_s: float | None) -> Session:
+    """The session that follows a marker from a person's circle."""
+    spec = next(spec for spec in terms.markers if spec.name == answer.marker)
+    return Session(
+        terms.camera, [spec], [answer, *hidden], terms.chain, terms.session, exposure_s=terms.exposure_s,
+        metric=terms.metric, readout_s=readout_s, keep_view=terms.keep_view(), threads=1,
+        others=_others(answer, terms, base),
+    )  # fmt: skip
+
+
+def _others(answer: Seed, terms: Terms, base: Base) -> Others:
+    """The other markers' places in the base. Of one that sits where a person says that this marker is, nothing is
+    believed."""
+    there = base(answer.frame_index)
+    astray = {name for name, other in there.items() if other.circle and other.circle.dice(answer.circle) > _ASTRAY}
+    astray.add(answer.marker)
+
+    def others(frame_index: int, range_m: float) -> list[Circle]:
+        found = (other for name, other in base(frame_index).items() if name not in astray)
+        return [e.circle for e in found if e.circle and e.status.measured and _range_m(e, terms) < range_m]
+
+    return others
+
+
+def _range_m(estimate: MarkerEstimate, terms: Terms) -> float:
+    """How far away a measured marker is, as its chain has it; by its size where no metres were given out."""
+    if estimate.xyz_cam_m is not None:
+        return float((estimate.xyz_cam_m @ estimate.xyz_cam_m) ** 0.5)
+    assert estimate.circle is not None
+    radius_m = next(spec.radius_m for spec in terms.markers if spec.name == estimate.marker)
+    return terms.camera.fx_px * radius_m / estimate.circle.r_px
+
+
+class Meeting:
     """Whether a stretch has met a track: both measured at one place, some frames in a row."""
 
     def __init__(self, track: Callable[[int], MarkerEstimate | None]) -> None:

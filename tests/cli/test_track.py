@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from fractions import Fraction
 
 import av
 import pytest
@@ -24,8 +25,10 @@ from clips import (
     write_clip,
     write_recording,
 )
-from scenes import CAMERA
+from scenes import CAMERA, ball_at, picture
+from spheremcap.config import load_seeds
 from spheremcap.core.estimate import Status
+from spheremcap.io.encode import write_video
 
 SEEDS = ("--seed", seed("orange"), "--seed", seed("blue", 1))
 ONE = ("--seed", seed("orange"))
@@ -370,3 +373,32 @@ def test_recordings_of_other_tools_keep_their_messages_and_name_the_frame(run, t
     assert {pose.frame_id for pose in topics["/markers/orange/pose"]} == {
         {"json": "c", "ros2": "odd"}.get(kind, "front_optical")
     }
+
+
+def test_an_operator_on_the_terminal_is_asked_and_answers_go_into_a_seeds_file(run, tmp_path, monkeypatch):
+    """A ball that vanishes for good: asked for once, called hidden, and not asked for again."""
+    film = tmp_path / "film.mp4"
+    shown = [picture(*([ball_at(100, 90, 18)] if k < 12 else []), noise_seed=k) for k in range(60)]
+    write_video(film, shown, Fraction(24), creation_time="2025-06-01T10:00:00Z")
+    out, words = tmp_path / "out.mcap", ("--seed", "ball@0=100,90,18", "--operator", "terminal")
+    read, write = os.pipe()
+    os.write(write, b"hidden 12-59\n")
+    os.close(write)
+    with os.fdopen(read) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        outcome = run("track", film, "-o", out, *words)
+    assert outcome.code == 0, outcome
+    assert "ball is lost on frame" in outcome.err
+    assert f"{out}.ball@12.png" in outcome.err
+    assert sorted(tmp_path.iterdir()) == [film, out, tmp_path / "out.seeds.toml"]
+    first, hidden = load_seeds(tmp_path / "out.seeds.toml")
+    assert (first.frame_index, hidden.frame_index, hidden.to_frame_index) == (0, 12, 59)
+    assert hidden.time.endswith("Z")
+    states = decoded(out)["/markers/ball/state"]
+    assert [s.status for s in states[12:]] == [5] * 48
+    again = tmp_path / "again.mcap"
+    assert run("track", film, "-o", again, "--seeds", tmp_path / "out.seeds.toml").code == 0
+    assert again.read_bytes() == out.read_bytes()
+    outcome = run("track", film, "-o", out, *words, "--overwrite")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert "give it as --seeds" in outcome.err

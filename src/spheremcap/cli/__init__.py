@@ -10,7 +10,21 @@ import traceback
 import typer
 
 from spheremcap import __version__
-from spheremcap.cli import config, evaluate, experiment, export, info, merge, recover, retrack, sync, synth, track, tune
+from spheremcap.cli import (
+    annotate,
+    config,
+    evaluate,
+    experiment,
+    export,
+    info,
+    merge,
+    recover,
+    retrack,
+    sync,
+    synth,
+    track,
+    tune,
+)
 from spheremcap.errors import SpheremcapError, UsageError, short
 from spheremcap.interrupt import Interrupted
 
@@ -23,7 +37,8 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     help="Track coloured sphere markers in video into an annotated MCAP that opens in Foxglove.\n\n"
-    "Start with: [bold]spheremcap track session.mp4 -o session.mcap --seed left_wrist@0=812,430,24[/bold] "
+    "Start with: [bold]spheremcap annotate session.mp4[/bold] (a page in the browser), or with\n\n"
+    "[bold]spheremcap track session.mp4 -o session.mcap --seed left_wrist@0=812,430,24[/bold] "
     "(marker, frame, centre x, y and radius in pixels of that frame).",
     epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but something was lost.",
 )
@@ -48,7 +63,7 @@ def _root(
 
 
 for verb in (
-    track.track, retrack.retrack, merge.merge, recover.recover, sync.sync, info.info, export.export,
+    annotate.annotate, track.track, retrack.retrack, merge.merge, recover.recover, sync.sync, info.info, export.export,
     evaluate.evaluate, experiment.experiment, synth.synth,
 ):  # fmt: skip
     app.command(help=_paragraphs(verb.__doc__ or ""))(verb)

@@ -1,6 +1,8 @@
 """spheremcap track: a video in, an annotated recording out."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -14,8 +16,12 @@ from spheremcap.errors import UsageError, short
 from spheremcap.interrupt import Interrupt, Interrupted
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from spheremcap.core.marker import Answer, Seed
     from spheremcap.found import Found
+    from spheremcap.operator.answers import AnswerFile
+    from spheremcap.operator.terminal import Terminal
     from spheremcap.proposals import Proposal
 
 _MCAP = "MCAP input"
@@ -69,6 +75,10 @@ def track(
         Literal["none", "crops", "full"] | None,
         typer.Option("--debug-images", help="Pictures of why a frame was doubted. (by default crops)"),
     ] = None,
+    operator: Annotated[
+        Literal["none", "terminal"],
+        typer.Option("--operator", help="Who is asked where a marker is lost; tracking waits for the answer."),
+    ] = "none",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
     topic: Annotated[
         list[str] | None,
@@ -142,7 +152,7 @@ def track(
         settings.parent if settings is not None else Path(),
         [p for p in (settings, seeds) if p is not None],
     )
-    start_ns, hertz = _time_ns("--start-time", start_time), _rate(rate)
+    start_ns, hertz = _time_ns("--start-time", start_time), rate_of(rate)
     with Interrupt() as interrupted, bar() as shown:
         found = None
         if auto:
@@ -160,10 +170,13 @@ def track(
         if diameter is not None:
             chosen = with_diameter(chosen, given, diameter)
         task = shown.add_task("tracking", total=None)
+        asked = _seeds_file(seeds, output, given) if operator != "none" else None
+        person = None if asked is None else _terminal(asked, output, shown, interrupted)
         report = api.track(
             source, output, chosen, given,
-            folder=folder, inputs=inputs, overwrite=overwrite, start_time_ns=start_ns, rate=hertz, mcap=mcap,
-            found=found, progress=lambda done, total: shown.update(task, completed=done, total=total),
+            folder=folder, inputs=[*inputs, *([asked.path] if asked else [])], overwrite=overwrite,
+            start_time_ns=start_ns, rate=hertz, mcap=mcap, found=found, operator=person,
+            progress=lambda done, total: shown.update(task, completed=done, total=total),
             stop=interrupted,
         )  # fmt: skip
     for note in report.notes:
@@ -208,6 +221,34 @@ def answers_of(seeds: Path | None, texts: list[str] | None) -> "list[Answer]":
     return [*(load_seeds(seeds) if seeds is not None else []), *(_seed(text) for text in texts or [])]
 
 
+def _seeds_file(seeds: Path | None, output: Path, given: "list[Answer]") -> "AnswerFile":
+    """Where answers are written while a run goes on, behind all that was given before."""
+    from spheremcap.operator.answers import AnswerFile
+
+    path = seeds or output.with_suffix(".seeds.toml")
+    if seeds is None and path.exists():
+        raise UsageError(f"{path} exists already: give it as --seeds, or move it away")
+    answers = AnswerFile(path, given)
+    for answer in given:  # those that are not in the file yet
+        if answer not in answers.answers():
+            answers.put(answer)
+    return answers
+
+
+def _terminal(answers: "AnswerFile", output: Path, shown: "Progress", interrupted: Interrupt) -> "Terminal":
+    """Whoever sits at the terminal; the bar is away while they are asked."""
+    from spheremcap.cli.annotate import login
+    from spheremcap.operator.terminal import Terminal, read_line
+
+    @contextmanager
+    def alone() -> Iterator[None]:
+        shown.stop()
+        yield
+        shown.start()
+
+    return Terminal(answers, output, login(), alone, lambda: read_line(interrupted))
+
+
 def _time_ns(flag: str, text: str | None) -> int | None:
     if text is None:
         return None
@@ -220,7 +261,7 @@ def _time_ns(flag: str, text: str | None) -> int | None:
     return stamp_ns
 
 
-def _rate(text: str | None) -> Fraction | None:
+def rate_of(text: str | None) -> Fraction | None:
     if text is None:
         return None
     try:

@@ -69,6 +69,15 @@ def overview_picture(image: BgrImage, step: int, estimates: Iterable[MarkerEstim
     return _jpeg(canvas)
 
 
+def request_picture(image: BgrImage, estimates: Iterable[MarkerEstimate]) -> bytes:
+    """A whole frame as PNG, in its own pixels, with a thin circle where each of the estimates has its marker."""
+    canvas = image.copy()
+    for estimate in estimates:
+        if estimate.circle is not None:
+            _ring(canvas, estimate.circle, (0, 0), 1.0, 0.0, _status_bgr(estimate.status))
+    return bytes(cv2.imencode(".png", canvas)[1].tobytes())
+
+
 def draw_stages(view: StageView, estimate: MarkerEstimate | None) -> BgrImage:
     """The picture of `stage_picture` before encoding, (rows, 720, 3) BGR."""
     status = None if estimate is None else estimate.status

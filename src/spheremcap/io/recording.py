@@ -67,6 +67,21 @@ class StateRow(NamedTuple):
     reasons: str
     numbers: tuple[float, ...]
 
+    @property
+    def circle_px(self) -> tuple[float, ...]:
+        """x, y and radius in pixels."""
+        return self.numbers[_Numbers.circle_px]
+
+    @property
+    def xyz_cam_m(self) -> tuple[float, ...]:
+        """Position in the camera's optical frame, metres."""
+        return self.numbers[_Numbers.xyz_cam_m]
+
+    @property
+    def vote_sum(self) -> float:
+        """Of 6."""
+        return self.numbers[_Numbers.vote_sum]
+
 
 class _Numbers:
     """Where each quantity stands in `StateRow.numbers`."""

@@ -1,0 +1,78 @@
+"""spheremcap annotate: the page on which a person sees, clicks and corrects."""
+
+import getpass
+import sys
+import time
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spheremcap.cli.progress import loaded
+from spheremcap.errors import UsageError
+from spheremcap.interrupt import Interrupt
+
+
+def annotate(
+    source: Annotated[
+        Path,
+        typer.Argument(help="A session's video, a folder of pictures, an MCAP with pictures, or a recording of ours."),
+    ],
+    seeds: Annotated[
+        Path | None, typer.Option("--seeds", help="Where answers are kept. (by default NAME.seeds.toml beside it)")
+    ] = None,
+    settings: Annotated[
+        Path | None,
+        typer.Option(
+            "--settings", "-s", help="Where markers and camera are kept. (by default NAME.settings.toml beside it)"
+        ),
+    ] = None,
+    topic: Annotated[str | None, typer.Option("--topic", help="Image topic of an MCAP that has several.")] = None,
+    rate: Annotated[str | None, typer.Option("--rate", help="Pictures a second of a folder, as in 240.")] = None,
+    author: Annotated[
+        str | None, typer.Option("--author", help="Who answers. (by default the name you are logged in by)")
+    ] = None,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
+    allow_remote: Annotated[
+        str | None,
+        typer.Option("--allow-remote", help="Another address of this machine's to listen on, for other machines."),
+    ] = None,
+) -> None:
+    """Open a page in the browser: find the markers, give circles, answer requests, track again what is wrong.
+
+    Every answer is in the seeds file as soon as the page says saved. Ctrl-C ends it.
+    """
+    try:
+        from spheremcap.operator.server import Server
+    except ImportError as error:
+        raise UsageError(
+            f"annotate needs more: pip install 'spheremcap[operator]' ({error.name} is missing)"
+        ) from error
+    from spheremcap.cli.track import rate_of
+    from spheremcap.operator.opened import Opened
+    from spheremcap.operator.page import Page
+
+    loaded()
+    if allow_remote in ("0.0.0.0", "::", ""):
+        raise UsageError("--allow-remote: name the one address that others are to use, not all of them")
+    opened = Opened(source, seeds=seeds, settings=settings, topic=topic, rate=rate_of(rate))
+    page = Page(opened, author if author is not None else login())
+    try:
+        with Interrupt() as interrupted, Server(page, allow_remote or "127.0.0.1") as server:
+            print(server.url, flush=True)
+            print(f"spheremcap: {source} is open on this page; Ctrl-C ends it", file=sys.stderr)
+            if not no_browser:
+                webbrowser.open(server.url)
+            while not interrupted():
+                time.sleep(0.1)
+    finally:
+        page.close()
+
+
+def login() -> str:
+    """The name that whoever runs this is logged in by, "" where there is none."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # a user without a name
+        return ""

@@ -1,0 +1,154 @@
+"""What a person has answered, in a seeds file: each change is on disk, whole, before it is said to be saved."""
+
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from secrets import token_hex
+
+from spheremcap.config import load_seeds, seeds_toml
+from spheremcap.core.marker import Answer, Hidden, Keep, Seed
+from spheremcap.errors import UsageError
+from spheremcap.io.output import output_error
+
+try:
+    import fcntl
+except ImportError:  # not on Windows: there two programs must not write one seeds file
+    fcntl = None  # type: ignore[assignment]
+
+_KINDS = {Seed: "circle", Hidden: "hidden", Keep: "keep"}
+
+
+def kind_of(answer: Answer) -> str:
+    """circle, hidden or keep, as the seeds file has it."""
+    return _KINDS[type(answer)]
+
+
+class AnswerFile:
+    """The answers in a seeds file. Several pages, threads and programs may change it: nothing of theirs is lost.
+
+    `given` are the answers that stand as long as there is no such file. An answer is known by its kind, marker and
+    first frame: a later one of the same takes its place. `check` is asked of all of them before any is written. The
+    file is written beside itself, synced and renamed, so that it is whole whenever the machine goes down.
+
+    Raises SettingsError for a file that is damaged, OutputError for one that cannot be written.
+    """
+
+    def __init__(
+        self, path: Path, given: Sequence[Answer] = (), check: Callable[[Sequence[Answer]], None] = lambda answers: None
+    ) -> None:
+        self.path = path
+        self.revision = 0
+        """Grows with every change that is seen."""
+        self._given, self._check = tuple(given), check
+        self._changing = threading.Lock()
+        self._seen: tuple[int, int, int] | None = None
+        self._answers: tuple[Answer, ...] = self._given
+        with self._changing:
+            self._read()
+
+    def answers(self) -> tuple[Answer, ...]:
+        """All of them, in the order in which they were given; read anew where another program has changed the file."""
+        with self._changing:
+            self._read()
+            return self._answers
+
+    def put(self, answer: Answer) -> None:
+        """Save an answer, in the place of the one before of the same kind, marker and first frame. Raises UsageError
+        for one that cannot be, and then nothing has changed."""
+
+        def with_it(there: Sequence[Answer]) -> list[Answer]:
+            new = [answer if _known_by(a) == _known_by(answer) else a for a in there]
+            return new if answer in new else [*new, answer]
+
+        self._change(with_it)
+
+    def take_back(self, kind: str, marker: str, frame_index: int) -> Answer:
+        """Take an answer out again. Raises UsageError when there is none."""
+        taken: list[Answer] = []
+
+        def without(there: Sequence[Answer]) -> list[Answer]:
+            taken.extend(a for a in there if _known_by(a) == (kind, marker, frame_index))
+            if not taken:
+                raise UsageError(f"there is no answer ({kind}) of {marker} on frame {frame_index} any more")
+            return [a for a in there if a not in taken]
+
+        self._change(without)
+        return taken[0]
+
+    def rename(self, marker: str, name: str) -> None:
+        """Give a marker's answers another name."""
+        self._change(lambda there: [_renamed(a, name) if a.marker == marker else a for a in there])
+
+    def _change(self, change: Callable[[Sequence[Answer]], Sequence[Answer]]) -> None:
+        with self._changing, _alone(self.path.parent):
+            self._read()
+            new = change(self._answers)
+            self._check(new)
+            write_durably(self.path, seeds_toml(new))
+            self._read()
+
+    def _read(self) -> None:
+        try:
+            found = os.stat(self.path)
+        except FileNotFoundError:
+            state, answers = None, self._given
+        else:
+            state = (found.st_ino, found.st_mtime_ns, found.st_size)
+            if state == self._seen:
+                return
+            # Of a file that was emptied on purpose no answer is left.
+            answers = tuple(load_seeds(self.path)) if found.st_size else ()
+        if state != self._seen or answers != self._answers:
+            self._seen, self._answers = state, answers
+            self.revision += 1
+
+
+def _known_by(answer: Answer) -> tuple[str, str, int]:
+    return kind_of(answer), answer.marker, answer.frame_index
+
+
+def _renamed(answer: Answer, name: str) -> Answer:
+    if isinstance(answer, Seed):
+        return Seed(name, answer.frame_index, answer.circle, answer.author, answer.time)
+    return type(answer)(name, answer.frame_index, answer.to_frame_index, answer.author, answer.time)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """While it is open, no other spheremcap changes a file of this folder."""
+    try:
+        lock = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise output_error(error, folder) from error
+    try:
+        if fcntl is not None:
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(lock)
+
+
+def write_durably(path: Path, text: str) -> None:
+    """The text as the whole file, on disk when this returns: written beside it, synced, renamed, the folder synced.
+
+    Raises OutputError; the file is then as it was.
+    """
+    beside = path.with_name(f".{path.name}.{token_hex(4)}.part")
+    try:
+        with beside.open("w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            with suppress(OSError):  # a file system that does not sync folders
+                os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        raise output_error(error, path) from error
