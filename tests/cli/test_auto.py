@@ -2,7 +2,7 @@
 
 import pytest
 
-from clips import COUNT, balls, decoded, seed, write_recording
+from clips import COUNT, balls, decoded, rows, seed, write_recording
 from scenes import ORANGE, ball_at, picture, truth
 from spheremcap.config import load_seeds
 from spheremcap.core.circle import Circle
@@ -65,8 +65,7 @@ def test_what_was_taken_and_why_is_in_the_recording_and_gives_the_same_again(run
     logged = [message.message for message in decoded(out)["/log"]]
     assert any(line.startswith("left is left@0=") for line in logged)
     assert run("track", clip, "-o", again, "-s", settings, "--seeds", tmp_path / "inside.toml").code == 0
-    for topic in ("/markers/left/state", "/markers/left/pose", "/markers/left/votes"):
-        assert decoded(again)[topic] == decoded(out)[topic]
+    assert [row for row in rows(again) if row[0] != "/log"] == [row for row in rows(out) if row[0] != "/log"]
     twice = tmp_path / "twice.mcap"
     assert run("track", clip, "-o", twice, "--auto", "-s", settings).code == 0
     assert twice.read_bytes() == out.read_bytes()
