@@ -36,7 +36,7 @@ _MOVES_RADII = 0.5  # against the background while it is followed: more tells no
 _RESTS_RADII = 0.15  # below this it moves with the background
 _ALIKE = 2.0  # of `_unlike`, up to which what was seen at two looks may be one thing
 _Map = Callable[..., Iterator[Any]]
-_LEAST_SCORE, _LEAST_SHARE = 0.05, 0.15  # what scores less, or less than this share of the best, is not proposed
+_LEAST_SCORE, _LEAST_SHARE = 0.05, 0.25  # what scores less, or less than this share of the best, is not proposed
 
 
 @dataclass(frozen=True, slots=True)
