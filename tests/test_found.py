@@ -98,6 +98,13 @@ def test_a_marker_without_a_colour_gets_what_those_with_one_leave():
     assert taken(several) == {"left": (2, 0)}
 
 
+def test_the_one_thing_of_a_colour_is_the_marker_that_says_so():
+    result = found([thing(GREEN)], settings(any=None, left="green"))
+    assert taken(result) == {"left": (100, 0)}
+    assert not result.unclear
+    assert result.missing[0].startswith("any was not found")
+
+
 def test_a_marker_that_is_not_there_is_said_and_not_made_up():
     result = found([thing(ORANGE, x=1)], settings(left="green", right="orange"))
     assert taken(result) == {"right": (1, 0)}
