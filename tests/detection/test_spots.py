@@ -32,7 +32,7 @@ def test_a_ball_is_the_clearest_thing_wherever_it_is(r, rgb, name, frame_of):
 @pytest.mark.parametrize("rgb", [(235, 235, 230), (20, 20, 22)])
 def test_a_ball_without_a_hue_is_found_by_its_shape(rgb):
     ball = ball_at(180, 100, 18, rgb=rgb)
-    found = spots(bgr_frame(picture(ball)), OUTLINE, 5)
+    found = spots(bgr_frame(picture(ball)), OUTLINE, 30)  # after the flecks of the backdrop, which have colours
     assert any(spot.circle.dice(truth(ball)) > 0.8 for spot in found)
 
 
