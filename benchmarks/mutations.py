@@ -12,7 +12,7 @@ they, in their present form. From 101 on they are of chain, status, checks, sess
 follower, from 181 on of what edges, outline and filter make of what they know beforehand, from 211 on of shading,
 softness, exposure and returns, from 231 on of size, what is hidden, what is elsewhere and pixels, from 301 on of merge,
 from 401 on of output files and of how runs end, from 501 on of what comes from outside, from 601 on of what a person's
-answers change.
+answers change, from 701 on of snap and of markers that nobody seeded.
 """
 
 import argparse
@@ -56,6 +56,9 @@ INTERRUPT, RECOVER = "tests/test_interrupt.py", "tests/io/test_recover.py"
 KILLS = "tests/abuse/test_kills.py"
 SIZE, MATCHING = "tests/positioning/test_size.py", "tests/verification/test_matching.py"
 ASPECT = "tests/detection/test_aspect.py"
+SPOTS, HUES = "tests/detection/test_spots.py", "tests/detection/test_hues.py"
+PROPOSALS, FOUND = "tests/test_proposals.py", "tests/test_found.py"
+SNAP, AUTO = "tests/test_snap.py", "tests/cli/test_auto.py"
 SPHERE, KALMAN = "tests/positioning/test_sphere.py", "tests/positioning/test_kalman.py"
 STRETCH, RETRACK = "tests/test_stretch.py", "tests/corrections/test_retrack.py"
 ATTENDED = "tests/corrections/test_attended.py"
@@ -1268,6 +1271,127 @@ FAULTS = (
     Fault(
         639, "track: answers beyond the end leave the base", "api.py",
         "        base.unlink(missing_ok=True)\n        raise\n", "        raise\n", (RETRACK,),
+        701, "found: two alike are not asked", "found.py",
+        "return [p for p in ranked if p.score >= _RIVAL * ranked[0].score]", "return ranked[:1]", (FOUND,),
+    ),
+    Fault(
+        702, "found: one thing for two markers", "found.py",
+        "if len(rivals[m.name]) == 1 and not any(rivals[o.name] == rivals[m.name] for o in turn if o is not m)",
+        "if len(rivals[m.name]) == 1", (FOUND,),
+    ),
+    Fault(
+        703, "found: those with a colour do not choose first", "found.py",
+        "turn = coloured or [", "turn = [", (FOUND,),
+    ),
+    Fault(
+        704, "found: what is weak is taken beside what is strong", "found.py",
+        "good = [p for p in free if p.score >= _OF_THE_BEST * best]", "good = list(free)", (FOUND,),
+    ),
+    Fault(
+        705, "found: what a person has shown is free", "found.py",
+        "index == seed.frame_index and circle.dice(seed.circle) > _THE_SAME", "False", (FOUND,),
+    ),
+    Fault(
+        706, "found: a seed is not the one that is told", "found.py",
+        "rounded(p.circle), AUTHOR)", "p.circle, AUTHOR)", (FOUND,),
+    ),
+    Fault(707, "found: nobody is the author", "found.py", "rounded(p.circle), AUTHOR)", "rounded(p.circle))", (FOUND,)),
+    Fault(
+        708, "found: a marker that is missing stays listed", "found.py",
+        "kept = tuple(m for m in settings.markers if m not in lost)", "kept = settings.markers", (FOUND,),
+    ),
+    Fault(
+        709, "found: the asked colour makes no surer", "found.py",
+        "(_SURE if marker.colour is None else _SURE_OF_ITS_COLOUR)", "_SURE", (FOUND,),
+    ),
+    Fault(
+        710, "found: a second one of a colour takes the first one's name", "found.py",
+        'proposal.colour if nth == 1 else f"{proposal.colour}_{nth}"', "proposal.colour", (FOUND,),
+    ),
+    Fault(
+        711, "hues: ranges do not go over the end", "detection/hues.py",
+        "(hsv[0] - first) % HUES <= (last - first) % HUES", "first <= hsv[0] <= last", (HUES,),
+    ),
+    Fault(
+        712, "hues: greys have a hue", "detection/hues.py",
+        "return name_of(hsv) not in GREYS and (", "return (", (HUES,),
+    ),
+    Fault(
+        713, "hues: dark means black", "detection/hues.py",
+        "saturation * value / 255 < _LEAST_CHROMA", "value < 80.0", (HUES,),
+    ),
+    Fault(
+        714, "spots: glints are spots", "detection/spots.py",
+        "> _SAME or _is_part(spot, other) for", "> _SAME for", (SPOTS,),
+    ),
+    Fault(
+        715, "spots: the same thing twice", "detection/spots.py",
+        "spot.circle.dice(other.circle) > _SAME or ", "", (SPOTS,),
+    ),
+    Fault(
+        716, "spots: colour around does not count", "detection/spots.py",
+        "own = max(0.0, self.inside - self.around)", "own = self.inside", (SPOTS,),
+    ),
+    Fault(
+        717, "spots: only by shape", "detection/spots.py",
+        "(*_by_colour(frame), *_by_shape(frame))", "_by_shape(frame)", (SPOTS, PROPOSALS),
+    ),
+    Fault(
+        718, "spots: only by colour", "detection/spots.py",
+        "(*_by_colour(frame), *_by_shape(frame))", "_by_colour(frame)", (SPOTS,),
+    ),
+    Fault(
+        719, "spots: a reduced picture lies half a step off", "detection/spots.py",
+        "first_px = (step - 1) / 2", "first_px = 2.0 * step", (SPOTS,),
+    ),
+    Fault(
+        720, "proposals: the background's way is added", "proposals.py",
+        "last.y_px - circle.y_px]) - carried", "last.y_px - circle.y_px]) + carried", (PROPOSALS,),
+    ),
+    Fault(
+        721, "proposals: the background is taken for at rest", "proposals.py",
+        "np.zeros(2) if self._last is None else", "np.zeros(2) if True else", (PROPOSALS,),
+    ),
+    Fault(
+        722, "proposals: one seen once is as good as one seen always", "proposals.py",
+        " * math.sqrt(len(sights) / looks)", "", (PROPOSALS,),
+    ),
+    Fault(
+        723, "proposals: size does not tell two of a colour apart", "proposals.py",
+        "        size / 0.35\n        +", "", (PROPOSALS,),
+    ),
+    Fault(
+        724, "proposals: a full picture's colour does not count", "proposals.py",
+        "            * (0.3 + 0.7 * math.sqrt(self.alone))\n", "", (PROPOSALS,),
+    ),
+    Fault(
+        725, "proposals: worst first", "proposals.py",
+        "proposals.sort(key=lambda proposal: -proposal.score)", "proposals.sort(key=lambda proposal: proposal.score)",
+        (PROPOSALS,),
+    ),
+    Fault(
+        726, "snap: metres without a camera", "snap.py",
+        "exposure_s, metric, readout_s)", "exposure_s, True, readout_s)", (SNAP,),
+    ),
+    Fault(
+        727, "snap: the mask of the whole window's brightness", "snap.py",
+        "box_mask(patch.bgr, limits)", "box_mask(patch.bgr, limits)[::-1].copy()", (SNAP,),
+    ),
+    Fault(
+        728, "contrast: of the disc to itself", "detection/appearance.py",
+        "np.linalg.norm(lab[ring] - own, axis=1)", "np.linalg.norm(lab[inside] - own, axis=1)", (SNAP,),
+    ),
+    Fault(
+        729, "track --auto: what is missing is not said", "api.py",
+        "report.lost += self._missing + gone", "report.lost += gone", (AUTO,),
+    ),
+    Fault(
+        730, "track --auto: nothing of it in the recording", "api.py",
+        'more["auto"] = "" if found is None else', 'more["auto"] = "" if found is not None else', (AUTO,),
+    ),
+    Fault(
+        731, "track --auto: seconds are not heeded", "api.py",
+        "if frame.stamp_ns >= end_ns or stop():", "if stop():", (AUTO,),
     ),
 )  # fmt: skip
 

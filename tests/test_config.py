@@ -269,3 +269,29 @@ def test_a_wrong_seeds_file_names_the_seed_and_what_it_lacks(tmp_path, text, mes
     with pytest.raises(SettingsError, match=message) as caught:
         load_seeds(path)
     assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(("text", "colour"), [('"green"', "green"), ('"black"', "black"), ("[170, 10]", (170.0, 10.0))])
+def test_a_marker_s_colour_is_a_name_or_two_hues_and_comes_back(settings_file, text, colour):
+    settings = load_settings(settings_file(f'[[markers]]\nname = "a"\ncolour = {text}\n[[markers]]\nname = "b"'))
+    assert [marker.colour for marker in settings.markers] == [colour, None]
+    assert Settings.model_validate(tomllib.loads(settings.to_toml())) == settings
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [('"greenish"', "red, orange, yellow"), ("[10]", ""), ("[-1, 10]", "between 0 and 180"),
+     ("[10, 181]", "steps of 2 degrees"), ("[1, 2, 3]", ""), ("true", ""), ("60", ""), ("[nan, 10]", "")],
+)  # fmt: skip
+def test_a_colour_that_is_none_is_refused(settings_file, text, word):
+    with pytest.raises(SettingsError) as error:
+        load_settings(settings_file(f'[[markers]]\nname = "a"\ncolour = {text}'))
+    assert "markers.0.colour" in str(error.value)
+    assert word in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "61", '"3"'])
+def test_auto_s_seconds_have_bounds(settings_file, seconds):
+    with pytest.raises(SettingsError, match=r"auto\.seconds"):
+        load_settings(settings_file(f"[auto]\nseconds = {seconds}"))

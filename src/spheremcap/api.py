@@ -239,6 +239,9 @@ def find(
         raise UsageError(
             "--auto beside seeds: which markers are still to be found? List all in a settings file, with their colours"
         )
+    seeded = {answer.marker for answer in answers if isinstance(answer, Seed)}
+    if settings.markers and seeded.issuperset(marker.name for marker in settings.markers):
+        return Found(settings, (), (), (), ())
     path, seconds = Path(source_path), settings.auto.seconds
     with open_input(path, mcap, start_time_ns=start_time_ns, rate=rate, packets=False) as given:
         if len(given.views) > 1:

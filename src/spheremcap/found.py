@@ -15,7 +15,8 @@ from spheremcap.proposals import Proposal
 
 AUTHOR = "auto"
 """The author of a seed that nobody gave."""
-_SURE, _OF_THE_BEST = 0.1, 0.3  # score, and share of the best one of all, from which one is taken without a person
+_SURE, _OF_THE_BEST = 0.2, 0.3  # score, and share of the best one of all, from which one is taken without a person
+_SURE_OF_ITS_COLOUR = 0.1  # score that will do where it has the colour that was asked for
 _RIVAL = 0.5  # of the best one's score, from which another that fits too might be meant
 _THE_SAME = 0.3  # Dice with a person's circle from which a proposal is what the person has shown
 
@@ -42,15 +43,15 @@ def assign(proposals: Sequence[Proposal], settings: Settings, answers: Sequence[
     given = [answer for answer in answers if isinstance(answer, Seed)]
     free = [p for p in proposals if not any(_shown(p, seed) for seed in given)]
     best = max((p.score for p in proposals), default=0.0)
-    sure = [p for p in free if p.score >= max(_SURE, _OF_THE_BEST * best)]
+    good = [p for p in free if p.score >= _OF_THE_BEST * best]
     if settings.markers:
         seeded = {seed.marker for seed in given}
         wanted = [marker for marker in settings.markers if marker.name not in seeded]
-        taken, unclear = _by_settings(sure, wanted)
+        taken, unclear = _by_settings(good, wanted)
         lost = [m for m in wanted if m.name not in taken and m.name not in dict(unclear)]
         kept = tuple(m for m in settings.markers if m not in lost)
     else:
-        taken, unclear, lost, kept = _by_colour(sure), [], [], ()
+        taken, unclear, lost, kept = _by_colour([p for p in good if p.score >= _SURE]), [], [], ()
     if not taken and not unclear and not given:
         raise UsageError(f"{_nothing(settings, free)} {looked}: give --seed MARKER@FRAME=X,Y,R{_likeliest(free)}")
     told = [f"{name} is {_told(name, p)}" for name, p in taken.items()]
@@ -90,7 +91,7 @@ def _by_settings(
     rest = list(wanted)
     while rest:
         free = [p for p in proposals if p not in taken.values()]
-        rivals = {m.name: _rivals([p for p in free if _fits(p, m)]) for m in rest}
+        rivals = {m.name: _rivals([p for p in free if _fits(p, m) and _surely(p, m)]) for m in rest}
         coloured = [m for m in rest if m.colour is not None and rivals[m.name]]
         turn = coloured or [m for m in rest if rivals[m.name]]
         sure = [
@@ -124,6 +125,10 @@ def _by_colour(proposals: Sequence[Proposal]) -> dict[str, Proposal]:
 
 def _fits(proposal: Proposal, marker: MarkerSettings) -> bool:
     return marker.colour is None or is_meant(marker.colour, proposal.hsv)
+
+
+def _surely(proposal: Proposal, marker: MarkerSettings) -> bool:
+    return proposal.score >= (_SURE if marker.colour is None else _SURE_OF_ITS_COLOUR)
 
 
 def _shown(proposal: Proposal, seed: Seed) -> bool:

@@ -34,11 +34,9 @@ _MOST_SPOTS, _MOST_FOLLOWED = 16, 10  # at one look
 _LEAST_CLEAR, _LEAST_VISIBLE = 0.1, 0.35  # of what is worth being followed
 _MOVES_RADII = 0.5  # against the background while it is followed: more tells no more
 _RESTS_RADII = 0.15  # below this it moves with the background
-_LARGE_PX = 10.0  # radius: smaller round things are common
-_COLOURED = 70.0  # saturation: paler things are common
 _ALIKE = 2.0  # of `_unlike`, up to which what was seen at two looks may be one thing
 _Map = Callable[..., Iterator[Any]]
-_LEAST_SCORE, _LEAST_SHARE = 0.05, 0.15  # what scores less, or less than this share of the best, is not proposed
+_LEAST_SCORE, _LEAST_SHARE = 0.05, 0.25  # what scores less, or less than this share of the best, is not proposed
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +76,11 @@ class _Sight:
     def strength(self) -> float:
         """What speaks for its being a marker, 0..1."""
         return (
-            self.spot.clear
+            self.spot.promise
             * self.visible**2
             * (0.3 + 0.7 * self.verified)
             * (0.3 + 0.7 * math.sqrt(self.alone))
             * (0.4 + 0.6 * min(1.0, self.moved_radii / _MOVES_RADII))
-            * min(1.0, 0.3 + self.spot.hsv[1] / 100)
-            * math.sqrt(min(1.0, self.spot.circle.r_px / _LARGE_PX))
         )
 
 
@@ -147,7 +143,7 @@ class _Look:
 
         found = [one for one in side_by_side(begun, spots(frame, outline, _MOST_SPOTS)) if one is not None]
         found = [one for one in found if one.spot.clear >= _LEAST_CLEAR]
-        self._followed = sorted(found, key=lambda one: -one.spot.clear * one.spot.visible)[:_MOST_FOLLOWED]
+        self._followed = sorted(found, key=lambda one: -one.spot.promise * one.spot.visible)[:_MOST_FOLLOWED]
 
     def follow(self, frame: Frame, side_by_side: _Map) -> None:
         """Each spot's chain goes on to the next frame."""

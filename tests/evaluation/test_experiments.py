@@ -146,3 +146,13 @@ def test_tuned_settings_can_be_used(lab: Lab, tmp_path: Path) -> None:
     assert load_settings(whole).camera.fx_px == 1150
     assert load_settings(whole).chain.hough == tuned.best
     assert set(THESIS) < set(tuned.best.model_dump())
+
+
+def test_what_is_proposed_without_a_seed_is_held_against_the_truth(lab: Lab) -> None:
+    result = run_experiment("proposals", lab)
+    heading, clip, total = result.tables[0].cells
+    values = dict(zip(heading, clip, strict=True))
+    assert (values["clip"], values["markers"], values["found"], values["first"]) == ("clean", "1", "1", "yes")
+    assert float(values["least score of a marker"]) > 0.2
+    assert total[:4] == ["all", "1", "1", "1 of 1"]
+    assert total[4] == values["false"]

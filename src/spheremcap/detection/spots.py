@@ -39,6 +39,7 @@ _PART_R, _PART_CLEAR = (
     0.6,
     0.4,
 )  # of a larger spot's radius and clearness, up to and from which one in it is a part of it
+_LARGE_PX, _VIVID = 10.0, 100.0  # radius, and saturation, from which more tells no more
 _PATCH_SIDE, _PATCH_REACH = 40, 2.0  # pixels along a side of what is kept of a spot, and radii that it reaches
 
 
@@ -64,10 +65,15 @@ class Spot:
         own = max(0.0, self.inside - self.around)
         return self.visible * own * min(1.0, self.contrast / _CLEAR_CONTRAST)
 
+    @property
+    def promise(self) -> float:
+        """How likely it is to be a marker by its looks, 0..1: small things and pale ones that are round are common."""
+        return self.clear * math.sqrt(min(1.0, self.circle.r_px / _LARGE_PX)) * min(1.0, 0.3 + self.hsv[1] / _VIVID)
+
 
 def spots(frame: Frame, outline: Outline, most: int) -> list[Spot]:
-    """The clearest round things on a frame, at most so many, clearest first; `outline` is of spheres of any size before
-    the frame's camera."""
+    """The round things on a frame that promise most, at most so many, the best first; `outline` is of spheres of any
+    size before the frame's camera."""
     tried: list[Circle] = []
     found: list[Spot] = []
     for circle in (*_by_colour(frame), *_by_shape(frame)):
@@ -77,7 +83,7 @@ def spots(frame: Frame, outline: Outline, most: int) -> list[Spot]:
         spot = spot_at(frame, circle, outline)
         if spot is not None:
             found.append(spot)
-    found.sort(key=lambda spot: -spot.clear)
+    found.sort(key=lambda spot: -spot.promise)
     kept: list[Spot] = []
     for spot in found:
         if not any(spot.circle.dice(other.circle) > _SAME or _is_part(spot, other) for other in kept):

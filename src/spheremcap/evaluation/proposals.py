@@ -58,7 +58,7 @@ def proposals(lab: Lab) -> Result:
                 f"{min(own_scores):.2f}" if own else "-", f"{max(other):.2f}" if other else "-", f"{found.took_s:.1f}",
             ]
         )  # fmt: skip
-        total.update(clips=1, markers=len(found.markers), found=hits, first=first, false=len(other))
+        total.update(clips=1, markers=len(found.markers), found=hits, first=int(first), false=len(other))
     cells.append(
         [
             "all",
