@@ -1271,6 +1271,8 @@ FAULTS = (
     Fault(
         639, "track: answers beyond the end leave the base", "api.py",
         "        base.unlink(missing_ok=True)\n        raise\n", "        raise\n", (RETRACK,),
+    ),
+    Fault(
         701, "found: two alike are not asked", "found.py",
         "return [p for p in ranked if p.score >= _RIVAL * ranked[0].score]", "return ranked[:1]", (FOUND,),
     ),
