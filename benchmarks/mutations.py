@@ -936,7 +936,7 @@ FAULTS = (
     ),
     Fault(
         429, "outputs: settings and seeds are no inputs", "cli/track.py",
-        "inputs=[path for path in (settings, seeds) if path is not None],",
+        "inputs=[*inputs, *([asked.path] if asked else [])],",
         "inputs=[],", (OUTPUTS,),
     ),
     Fault(
@@ -1024,8 +1024,8 @@ FAULTS = (
     ),
     Fault(
         512, "picture: recordings say full range for all", "io/mcap_images.py",
-        "self._frame = Pictures(picture).frame",
-        "picture.color_range = 2; self._frame = Pictures(picture).frame", (PICTURE,),
+        "self._frame = DecodedPictures(picture).frame",
+        "picture.color_range = 2; self._frame = DecodedPictures(picture).frame", (PICTURE,),
     ),
     Fault(
         513, "Annex B: an empty unit is one", "io/annex_b.py",
