@@ -384,6 +384,22 @@ def test_image_topics_of_a_recording_are_corrected_beside_all_that_was_copied(tm
         api.retrack(tmp_path / "base.mcap", tmp_path / "no.mcap", [*first, Hidden("nose", 3, 4)])
 
 
+def test_a_recording_of_ours_that_was_tracked_again_has_two_runs_and_each_its_own_answers(folder, tmp_path):
+    """The first run's markers keep their names, the second one's begin with where its topics are."""
+    settings = Settings(markers=SETTINGS.markers[2:])
+    first, later = seed("knee", 0), seed("knee", 90)
+    choice = FromMcap(("/camera/video",))
+    api.track(folder / "base.mcap", tmp_path / "two.mcap", settings, [first], mcap=choice)
+    api.track(folder / "base.mcap", tmp_path / "all.mcap", settings, [first, later], mcap=choice)
+    api.retrack(tmp_path / "two.mcap", tmp_path / "out.mcap", [replace(later, marker="tracked/knee")])
+    assert rows(tmp_path / "out.mcap") == rows(tmp_path / "all.mcap")
+    report = api.retrack(tmp_path / "two.mcap", tmp_path / "first.mcap", [later], source=folder / "film.mp4")
+    assert list(report.statuses) == ["knee"]
+    tracks = api.open(tmp_path / "first.mcap").tracks
+    assert {"knee", "tracked/knee"} <= set(tracks)
+    assert all(abs(tracks["knee"].circle_px[i][0] - truth(knee(i)).x_px) < 2 for i in range(1, COUNT))
+
+
 # -- a part of a recording --------------------------------------------------------------------------
 
 
