@@ -20,6 +20,7 @@ from filmed import (
     wrist,
     write_film,
 )
+from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.stream_reader import StreamReader
 
@@ -316,6 +317,12 @@ def test_the_file_is_whole_by_every_reader(folder):
             found = [(c.topic, m.log_time, m.data) for _, c, m in seeking.iter_messages(log_time_order=False)]
         assert [(t, log, data) for t, log, _, _, data in rows(path)] == found
         assert summary.statistics.message_count == len(found)
+        data = path.read_bytes()
+        for chunk in summary.chunk_indexes:
+            assert data[chunk.chunk_start_offset] == Opcode.CHUNK
+            for channel, offset in chunk.message_index_offsets.items():
+                assert data[offset] == Opcode.MESSAGE_INDEX
+                assert int.from_bytes(data[offset + 9 : offset + 11], "little") == channel
         with path.open("rb") as file:
             whole = make_reader(file)
             assert [a.name for a in whole.iter_attachments()] == ["settings.toml", "seeds.toml"]
