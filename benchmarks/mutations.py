@@ -1261,12 +1261,12 @@ FAULTS = (
     Fault(
         637, "attended: asked for where a person says that it is hidden", "attended.py",
         "if any(h.marker == request.marker and request.raised_at_frame_index in h for h in self._hidden):", "if False:",
-        (ATTENDED,),
+        (STRETCH,),
     ),
     Fault(
         638, "attended: the base is asked for although its marker is followed", "attended.py",
         "for request in base.requests if request.marker not in self._live)", "for request in base.requests)",
-        (ATTENDED,),
+        (STRETCH,),
     ),
     Fault(
         639, "track: answers beyond the end leave the base", "api.py",

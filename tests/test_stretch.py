@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from scenes import CAMERA, COUNTED, ORANGE, PERIOD_NS, RADIUS_M, Ball, bgr_frame, picture, truth
+from spheremcap.attended import Attended
 from spheremcap.chain import ChainConfig
 from spheremcap.core.circle import Circle
-from spheremcap.core.estimate import Status
+from spheremcap.core.estimate import FrameResult, OperatorRequest, Status
 from spheremcap.core.marker import Hidden, Keep, MarkerSpec, Seed
 from spheremcap.core.time import NS_PER_S
 from spheremcap.session import HIDDEN, Session, SessionConfig
@@ -368,3 +369,32 @@ def test_the_same_answers_give_the_same_stretches():
                 for s in found.stretches]  # fmt: skip
 
     assert told() == told()
+
+
+# -- a run that a person attends -------------------------------------------------------------------
+
+
+def asked_of(film, answers, lost_at):
+    """The frames at which a person is asked for the wrist, whose base is lost anew at each of these."""
+    terms = Terms(CAMERA, True, MARKERS[:1], CHAIN, SessionConfig(), 0.0, None, 0, film.count - 1)
+    asked = []
+
+    def ask(one):
+        asked.append(one.request.raised_at_frame_index)
+        return []
+
+    attended = Attended(terms, film.at, ask, answers)
+    for i in range(12):
+        request = OperatorRequest("wrist", i - 1, 0, i, 0, "lost")
+        attended.after(film.at(i), FrameResult(i, i * PERIOD_NS, (), (), (request,) if i in lost_at else ()))
+    return asked
+
+
+def test_nobody_is_asked_where_somebody_said_that_it_is_hidden():
+    assert asked_of(Film(), [], (3, 6, 9)) == [3, 6, 9]
+    assert asked_of(Film(), [Hidden("wrist", 4, 6)], (3, 6, 9)) == [3, 9]
+    assert asked_of(Film(), [Hidden("elbow", 4, 6)], (3, 6, 9)) == [3, 6, 9]
+
+
+def test_nobody_is_asked_for_the_base_of_a_marker_that_is_followed_from_a_circle():
+    assert asked_of(Film(), [seed("wrist", 4)], (3, 6, 9)) == [3]

@@ -20,6 +20,7 @@ from filmed import (
     wrist,
     write_film,
 )
+from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.stream_reader import StreamReader
 
@@ -198,6 +199,35 @@ def test_requests_say_what_was_answered_and_by_whom(folder):
     assert [r.answered for r in marker.requests] == [request.answered]
 
 
+@pytest.mark.parametrize(("frame", "begins"), [(20, 1), (120, 89)])
+def test_a_circle_answers_the_request_that_its_stretch_has_and_the_one_since_which_the_marker_was_lost(
+    folder, tmp_path, frame, begins
+):
+    settings = SETTINGS.model_copy(update={"markers": SETTINGS.markers[1:2]})
+    first = [Seed("elbow", 0, Circle(285, 25, 12))]
+    api.track(folder / "film.mp4", tmp_path / "base.mcap", settings, first)
+    report = api.retrack(tmp_path / "base.mcap", tmp_path / "out.mcap", [*first, seed("elbow", frame)])
+    assert f"elbow: frames {begins} to 179" in report.stretches[0] or frame == 20
+    request = api.open(tmp_path / "out.mcap").requests[0]
+    assert (request.frame_index, request.raised_at_frame_index) == (1, 5)
+    assert request.answered == f"circle on frame {frame}"
+
+
+def test_paths_behind_a_stretch_are_those_that_were_corrected(folder, tmp_path):
+    """For a second they are drawn of what was before, and the base was on another ball then."""
+    out = spans(covered)[0][1]
+    report = api.retrack(folder / "base.mcap", tmp_path / "out.mcap", [*FIRST, seed("wrist", out + 10)])
+    assert "meets the track on frame 106" in report.stretches[0]
+    behind = 1_748_772_000_000_000_000 + 125 * 1_000_000_000 // 120
+    scenes = [m for m in decoded(tmp_path / "out.mcap")["/scene"] if m.entities[0].timestamp.ToNanoseconds() >= behind]
+    lines = next(e for e in scenes[0].entities if e.id == "wrist").lines
+    path = [(p.x, p.y) for line in lines for p in line.points]
+    on_it = [
+        p for p in path if any(abs(p[0] - wrist(i).xyz[0]) + abs(p[1] - wrist(i).xyz[1]) < 0.01 for i in range(60, 100))
+    ]
+    assert len(on_it) > 5
+
+
 def test_the_log_and_the_run_say_what_was_answered(folder):
     log = [m.message for m in decoded(folder / "corrected.mcap")["/log"]]
     told = "knee: frames 1 to 179 by the circle on frame 90, anna (the circle before, on frame 0; the last frame)"
@@ -287,10 +317,28 @@ def test_the_file_is_whole_by_every_reader(folder):
             found = [(c.topic, m.log_time, m.data) for _, c, m in seeking.iter_messages(log_time_order=False)]
         assert [(t, log, data) for t, log, _, _, data in rows(path)] == found
         assert summary.statistics.message_count == len(found)
+        data = path.read_bytes()
+        for chunk in summary.chunk_indexes:
+            assert data[chunk.chunk_start_offset] == Opcode.CHUNK
+            for channel, offset in chunk.message_index_offsets.items():
+                assert data[offset] == Opcode.MESSAGE_INDEX
+                assert int.from_bytes(data[offset + 9 : offset + 11], "little") == channel
         with path.open("rb") as file:
             whole = make_reader(file)
             assert [a.name for a in whole.iter_attachments()] == ["settings.toml", "seeds.toml"]
             assert len(list(whole.iter_metadata())) == summary.statistics.metadata_count
+
+
+def test_a_channel_all_of_whose_first_messages_were_replaced_is_still_known_to_who_reads_on(folder, tmp_path):
+    """Its record was in the chunk that was written anew, and its next messages are in one that was copied."""
+    api.track(folder / "film.mp4", tmp_path / "base.mcap", Settings(markers=SETTINGS.markers), FIRST)
+    second = [Hidden("elbow", 1, 119)]  # chunks end at full seconds
+    api.retrack(tmp_path / "base.mcap", tmp_path / "out.mcap", [*FIRST, *second])
+    before, after = (
+        [row for row in rows(tmp_path / f"{name}.mcap") if row[0] == "/markers/elbow/votes"] for name in ("base", "out")
+    )
+    assert after == [row for row in before if row[1] % 10**9 < 5 * 10**8 and row[1] // 10**9 > before[0][1] // 10**9]
+    assert after
 
 
 def test_a_merge_and_a_recovery_keep_the_answers(folder, tmp_path):
@@ -342,7 +390,10 @@ def test_a_start_time_that_was_given_is_kept(folder, tmp_path):
     api.track(film, tmp_path / "all.mcap", settings, answers(), start_time_ns=START_NS)
     api.retrack(tmp_path / "base.mcap", tmp_path / "out.mcap", answers(), source=film)
     assert rows(tmp_path / "out.mcap") == rows(tmp_path / "all.mcap")
-    assert api.open(tmp_path / "out.mcap").tracks["knee"].stamp_ns[0] == START_NS
+    both = (decoded(tmp_path / f"{name}.mcap")["/markers/knee/state"] for name in ("base", "out"))
+    before, after = ([m.timestamp.ToNanoseconds() for m in states] for states in both)
+    assert after == before
+    assert before[0] == START_NS
 
 
 def test_whole_frames_with_circles_are_drawn_anew(folder, tmp_path):

@@ -44,7 +44,8 @@ def answered(
     """What a person said to each request of a marker, "" where nobody did.
 
     An answer is to a request when it speaks of the frames that the request is about, or when its circle's stretch has
-    them; and it is to the last one before it when the marker was LOST until then, as `lost_before` says of a frame.
+    them; and it is to the last one before it when the marker was LOST until what it changes, as `lost_before` says of a
+    frame.
     """
     found: dict[Request, str] = {}
     for request in asked:
@@ -54,11 +55,18 @@ def answered(
         there += [stretch.answer for stretch in stretches if request not in stretch.requests]
         found[key_of(request)] = said(there[0]) if there else ""
     for answer in answers:
-        before = [request for request in asked if request.raised_at_frame_index <= answer.frame_index]
+        begins = _begins(answer, corrected)
+        before = [request for request in asked if request.raised_at_frame_index < begins]
         latest = max(before, key=lambda request: request.raised_at_frame_index, default=None)
-        if latest is not None and not found[key_of(latest)] and lost_before(answer.frame_index):
+        if latest is not None and not found[key_of(latest)] and lost_before(begins):
             found[key_of(latest)] = said(answer)
     return found
+
+
+def _begins(answer: Answer, corrected: Corrected) -> int:
+    """The first frame that an answer changes."""
+    own = (stretch.frames for stretch in corrected.stretches if stretch.answer == answer and len(stretch))
+    return next((frames[0] for frames in own), answer.frame_index)
 
 
 def _last(answer: Answer) -> int:
