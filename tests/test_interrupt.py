@@ -11,6 +11,8 @@ from spheremcap.interrupt import SIGNALS, Interrupt, Interrupted
 @pytest.fixture(autouse=True)
 def as_before():
     before = {number: signal.getsignal(number) for number in SIGNALS}
+    for number in SIGNALS:  # whatever the tests were started to ignore (nohup)
+        signal.signal(number, signal.default_int_handler)
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
