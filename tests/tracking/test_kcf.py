@@ -168,13 +168,13 @@ def settings_of_a_filter(draw):
 
 
 def check_equal(config, looks, patch, expected):
-    """Peak to 1e-4 of the largest possible; the place to a fiftieth of a cell, unless the peak is flat."""
+    """Peak to 1e-3 of the largest possible (single precision, where hardly anything is regularised); the place to a fiftieth of a cell, unless the peak is flat."""
     ours, theirs = Kcf(config), reference.Kcf(config)
     for look in looks:
         ours.train(*look)
         theirs.train(*look)
     answer, (dx, dy, peak) = ours.locate(patch, expected, 0), theirs.locate(patch, expected)
-    assert answer.peak == pytest.approx(peak, rel=1e-4, abs=1e-4)
+    assert answer.peak == pytest.approx(peak, rel=1e-3, abs=1e-3)
     if peak > 0.2:
         assert answer.circle.x_px - expected.x_px == pytest.approx(dx, abs=0.02 * cell_px(ours, expected.r_px))
         assert answer.circle.y_px - expected.y_px == pytest.approx(dy, abs=0.02 * cell_px(ours, expected.r_px))
