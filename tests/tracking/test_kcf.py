@@ -168,7 +168,8 @@ def settings_of_a_filter(draw):
 
 
 def check_equal(config, looks, patch, expected):
-    """Peak to 1e-3 of the largest possible (single precision, where hardly anything is regularised); the place to a fiftieth of a cell, unless the peak is flat."""
+    """Peak to 1e-3 of the largest possible, as hardly anything may be regularised; the place to a fiftieth of a cell,
+    unless the peak is flat."""
     ours, theirs = Kcf(config), reference.Kcf(config)
     for look in looks:
         ours.train(*look)
