@@ -6,8 +6,8 @@ from clips import COUNT, seed, write_truth
 from spheremcap.config import load_settings
 
 VERBS = (
-    "annotate", "track", "retrack", "merge", "sync", "info", "export", "recover", "evaluate", "experiment", "synth", "tune",
-    "config",
+    "annotate", "track", "retrack", "merge", "sync", "info", "export", "recover", "evaluate", "experiment", "synth",
+    "tune", "config",
 )  # fmt: skip
 
 
