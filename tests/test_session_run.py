@@ -452,6 +452,8 @@ def test_a_marker_that_a_person_calls_hidden_is_not_looked_for():
             assert HIDDEN not in estimate.reasons
             assert estimate.answer_frame is None
     assert [e.status for e in of(results, "wrist")[23:]] == [Status.VERIFIED] * 7
+    again = next(e for e in of(results, "wrist")[20:] if e.status.measured)
+    assert again.proposer == "acquire"  # nothing was learnt of where it went meanwhile
     assert not [q for r in results for q in r.requests]
     assert not [p for r in results[12:20] for p in r.smoothed if p.marker == "wrist"]
     assert all(e.status.measured for e in of(results, "elbow"))

@@ -3,11 +3,11 @@
 usage: python benchmarks/abuse/kills.py [--kills 100] [--ends 50] [--full 20] [--seed 1]
 
 `kill -9`, then SIGTERM, SIGHUP and SIGINT, at random moments of `track` (a video, and a recording that is copied),
-`merge`, `export` and `recover`, each with an output that exists already; and disks that are full at so many places (a
-small tmpfs where it can be mounted, else a limit on the size of files). Each run is a process of its own, forked from
-this one, which has imported and compiled everything. What is there afterwards is read with the mcap package's stream
-reader and held against the same run left alone: its first messages, none missing, none twice, none changed, up to the
-last full second of log time that the run had come to.
+`merge`, `export`, `recover` and `retrack`, each with an output that exists already; and disks that are full at so many
+places (a small tmpfs where it can be mounted, else a limit on the size of files). Each run is a process of its own,
+forked from this one, which has imported and compiled everything. What is there afterwards is read with the mcap
+package's stream reader and held against the same run left alone: its first messages, none missing, none twice, none
+changed, up to the last full second of log time that the run had come to.
 """
 
 import argparse
@@ -45,7 +45,9 @@ from spheremcap.core.marker import MarkerSpec
 from spheremcap.core.time import NS_PER_S
 from spheremcap.io.encode import write_video
 from spheremcap.io.mcap_log import McapLog
+from spheremcap.io.mcap_records import Piece
 from spheremcap.io.output import SharedWriter
+from spheremcap.io.rewrite import ChunkWriter
 
 for name in ("api", "cli", "io.export", "io.recover", "merging.dataset"):  # before the runs are forked off
     importlib.import_module(f"spheremcap.{name}")
@@ -114,6 +116,7 @@ def prepare(folder: Path, seconds: int) -> list[Job]:
         Job("track a recording", ["track", str(tracked), *seed, "--topic", "/camera/video"], "again.mcap"),
         Job("merge", ["merge", str(tracked), str(big), str(sensor)], "merged.mcap"),
         Job("recover", ["recover", str(big)], "recovered.mcap"),
+        Job("retrack", ["retrack", str(tracked), "--seed", "ball@40=107,138,18"], "corrected.mcap"),
         Job("export", ["export", str(long)], "tracks.csv"),
     ]
     for job in jobs:
@@ -164,6 +167,13 @@ def _child(words: list[str], before: Callable[[], None], shared: mmap.mmap, pipe
             struct.pack_into("<Q", shared, 0, log_time)
 
         SharedWriter.add_message = noted  # type: ignore[assignment, method-assign]
+        copy = ChunkWriter.copy
+
+        def copied(self: ChunkWriter, piece: Piece, *rest: object) -> None:
+            copy(self, piece, *rest)  # type: ignore[arg-type]
+            struct.pack_into("<Q", shared, 0, piece.end)
+
+        ChunkWriter.copy = copied  # type: ignore[method-assign]
         before()
         sys.argv = ["spheremcap", *words]
         command_line()

@@ -345,19 +345,20 @@ def track(
             report.notes += writer.notes
         report.lost = given.lost() + report.lost
     if answered and writer.part is not None:
-        _answer(report, writer.part, path, seeds, given_files, overwrite, progress, stop)
+        ids = [camera.run_id for camera in cameras]
+        _answer(report, writer.part, path, seeds, ids, given_files, overwrite, progress, stop)
     return report
 
 
 def _answer(
-    report: TrackReport, base: Path, source: Path, seeds: Sequence[Answer], inputs: Sequence[Path], overwrite: bool,
-    progress: Progress, stop: Callable[[], bool],
+    report: TrackReport, base: Path, source: Path, seeds: Sequence[Answer], ids: Sequence[str], inputs: Sequence[Path],
+    overwrite: bool, progress: Progress, stop: Callable[[], bool],
 ) -> None:  # fmt: skip
     """The second half of `track` where there are answers: `base` becomes the output with them, and goes."""
     try:
         done = job.retrack(
             base, report.output, seeds, source=source, checked=True, view_keeper=_view_keeper, inputs=inputs,
-            overwrite=overwrite, progress=progress, stop=stop,
+            overwrite=overwrite, progress=progress, stop=stop, ids=ids,
         )  # fmt: skip
     except UsageError:
         base.unlink(missing_ok=True)
@@ -492,6 +493,11 @@ class _Camera:
         self._latest: Frame | None = None
         self._measured: dict[str, MarkerEstimate] = {}
         self._frames = self._requests = 0
+
+    @property
+    def run_id(self) -> str:
+        """The id of its run in the recording."""
+        return self._run.id
 
     def begin(self, writer: SharedWriter) -> McapLog:
         """Start this camera's part of the recording."""

@@ -72,6 +72,10 @@ TUNE = ("tune", "hough", "clip.mp4", "--truth", "truth.csv", "-s", "settings.tom
         (TRACK, ["clip.mp4", "seeds.toml", "settings.toml", "lens.yaml"]),
         ((*TRACK, "--camera", "camera.yaml"), ["camera.yaml"]),
         (("track", "log.mcap", *ONE), ["log.mcap"]),
+        (
+            ("retrack", "tracked.csv", "--seeds", "seeds.toml", "--source", "clip.mp4"),
+            ["tracked.csv", "seeds.toml", "clip.mp4"],
+        ),
         (MERGE, ["log.mcap", "wheel.csv", "mapping.toml", "imu/a.csv", "imu/new.csv"]),
         (("export", "tracked.csv"), ["tracked.csv"]),
         (TUNE, ["clip.mp4", "truth.csv", "settings.toml"]),
@@ -124,12 +128,13 @@ def test_a_video_with_the_name_of_the_part_stays(run, clip, tmp_path):
     assert len(decoded(out)["/markers/orange/state"]) == COUNT
 
 
-@pytest.mark.parametrize("verb", ["track", "merge", "export", "recover", "tune", "synth"])
+@pytest.mark.parametrize("verb", ["track", "retrack", "merge", "export", "recover", "tune", "synth"])
 def test_what_an_interrupted_run_left_stays_and_is_named(run, verb, clip, log, tracked, tmp_path):
     truth = write_truth(tmp_path / "truth.csv")
     out = tmp_path / ("out.csv" if verb == "export" else "out.mcap")
     words = {
         "track": ("track", clip, *ONE), "merge": ("merge", log), "export": ("export", tracked),
+        "retrack": ("retrack", tracked, "--seed", seed("orange", index=9)),
         "recover": ("recover", log), "tune": ("tune", "hough", clip, "--truth", truth, "--no-grid", "--draws", 1),
         "synth": ("synth", "racing", "--frames", 2),
     }[verb]  # fmt: skip
@@ -148,11 +153,12 @@ def test_what_an_interrupted_run_left_stays_and_is_named(run, verb, clip, log, t
     assert not list(tmp_path.rglob("*2.part"))
 
 
-@pytest.mark.parametrize("verb", ["track", "merge", "export", "recover"])
+@pytest.mark.parametrize("verb", ["track", "retrack", "merge", "export", "recover"])
 def test_an_output_that_another_run_is_writing_is_refused(run, verb, clip, log, tracked, tmp_path):
     out = tmp_path / ("out.csv" if verb == "export" else "out.mcap")
     words = {
         "track": ("track", clip, *ONE), "merge": ("merge", log), "export": ("export", tracked),
+        "retrack": ("retrack", tracked, "--seed", seed("orange", index=9)),
         "recover": ("recover", log),
     }[verb]  # fmt: skip
     part = Path(f"{out}.part")

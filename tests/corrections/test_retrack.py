@@ -1,7 +1,7 @@
 """Answers go into a recording: what they change is tracked again, all else is copied, and track does it at once."""
 
 import shutil
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,6 +28,7 @@ from clips import seed as clip_seed
 from scenes import CAMERA, truth
 from spheremcap import api
 from spheremcap.config import OutputSettings, Settings, parse_seed, seeds_toml
+from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Hidden, Keep, Seed
 from spheremcap.errors import SourceError, UsageError
 from spheremcap.io.mcap_records import McapRecords
@@ -197,6 +198,35 @@ def test_requests_say_what_was_answered_and_by_whom(folder):
     assert [r.answered for r in marker.requests] == [request.answered]
 
 
+@pytest.mark.parametrize(("frame", "begins"), [(20, 1), (120, 89)])
+def test_a_circle_answers_the_request_that_its_stretch_has_and_the_one_since_which_the_marker_was_lost(
+    folder, tmp_path, frame, begins
+):
+    settings = SETTINGS.model_copy(update={"markers": SETTINGS.markers[1:2]})
+    first = [Seed("elbow", 0, Circle(285, 25, 12))]
+    api.track(folder / "film.mp4", tmp_path / "base.mcap", settings, first)
+    report = api.retrack(tmp_path / "base.mcap", tmp_path / "out.mcap", [*first, seed("elbow", frame)])
+    assert f"elbow: frames {begins} to 179" in report.stretches[0] or frame == 20
+    request = api.open(tmp_path / "out.mcap").requests[0]
+    assert (request.frame_index, request.raised_at_frame_index) == (1, 5)
+    assert request.answered == f"circle on frame {frame}"
+
+
+def test_paths_behind_a_stretch_are_those_that_were_corrected(folder, tmp_path):
+    """For a second they are drawn of what was before, and the base was on another ball then."""
+    out = spans(covered)[0][1]
+    report = api.retrack(folder / "base.mcap", tmp_path / "out.mcap", [*FIRST, seed("wrist", out + 10)])
+    assert "meets the track on frame 106" in report.stretches[0]
+    behind = 1_748_772_000_000_000_000 + 125 * 1_000_000_000 // 120
+    scenes = [m for m in decoded(tmp_path / "out.mcap")["/scene"] if m.entities[0].timestamp.ToNanoseconds() >= behind]
+    lines = next(e for e in scenes[0].entities if e.id == "wrist").lines
+    path = [(p.x, p.y) for line in lines for p in line.points]
+    on_it = [
+        p for p in path if any(abs(p[0] - wrist(i).xyz[0]) + abs(p[1] - wrist(i).xyz[1]) < 0.01 for i in range(60, 100))
+    ]
+    assert len(on_it) > 5
+
+
 def test_the_log_and_the_run_say_what_was_answered(folder):
     log = [m.message for m in decoded(folder / "corrected.mcap")["/log"]]
     told = "knee: frames 1 to 179 by the circle on frame 90, anna (the circle before, on frame 0; the last frame)"
@@ -207,6 +237,24 @@ def test_the_log_and_the_run_say_what_was_answered(folder):
     recording = api.open(folder / "corrected.mcap")
     assert recording.seeds_toml == seeds_toml(answers())
     assert api.open(folder / "base.mcap").seeds_toml == seeds_toml(FIRST)
+
+
+def test_who_is_lost_at_the_end_is_said_by_what_holds_in_the_end(folder, tmp_path):
+    """One marker is lost without answers and found with them, one the other way round."""
+    nothing = Circle(285, 25, 12)
+    settings = SETTINGS.model_copy(update={"markers": tuple(m for m in SETTINGS.markers if m.name != "wrist")})
+    first = [Seed("elbow", 0, nothing), seed("knee", 0)]
+    report = api.track(folder / "film.mp4", tmp_path / "base.mcap", settings, first)
+    assert [line.partition(",")[0] for line in report.lost] == ["elbow is LOST at the end"]
+    more = [seed("elbow", 120), Seed("knee", 174, Circle(300, 110, 12))]
+    after = api.retrack(tmp_path / "base.mcap", tmp_path / "out.mcap", [*first, *more])
+    assert [line.partition(",")[0] for line in after.lost] == ["knee is LOST at the end"]
+    assert not after.complete
+    assert api.open(tmp_path / "out.mcap").info["lost"] == after.lost[0]
+    at_once = api.track(folder / "film.mp4", tmp_path / "all.mcap", settings, [*first, *more])
+    assert at_once.lost == after.lost
+    statuses = api.open(tmp_path / "out.mcap").tracks["knee"].status
+    assert {s.value: n for s, n in at_once.statuses["knee"].items()} == dict(Counter(statuses.tolist()))
 
 
 # -- what is not -----------------------------------------------------------------------------------
@@ -323,7 +371,10 @@ def test_a_start_time_that_was_given_is_kept(folder, tmp_path):
     api.track(film, tmp_path / "all.mcap", settings, answers(), start_time_ns=START_NS)
     api.retrack(tmp_path / "base.mcap", tmp_path / "out.mcap", answers(), source=film)
     assert rows(tmp_path / "out.mcap") == rows(tmp_path / "all.mcap")
-    assert api.open(tmp_path / "out.mcap").tracks["knee"].stamp_ns[0] == START_NS
+    both = (decoded(tmp_path / f"{name}.mcap")["/markers/knee/state"] for name in ("base", "out"))
+    before, after = ([m.timestamp.ToNanoseconds() for m in states] for states in both)
+    assert after == before
+    assert before[0] == START_NS
 
 
 def test_whole_frames_with_circles_are_drawn_anew(folder, tmp_path):
@@ -363,6 +414,22 @@ def test_image_topics_of_a_recording_are_corrected_beside_all_that_was_copied(tm
     assert input_rows == rows(log)
     with pytest.raises(UsageError, match=r"which camera|not among"):
         api.retrack(tmp_path / "base.mcap", tmp_path / "no.mcap", [*first, Hidden("nose", 3, 4)])
+
+
+def test_a_recording_of_ours_that_was_tracked_again_has_two_runs_and_each_its_own_answers(folder, tmp_path):
+    """The first run's markers keep their names, the second one's begin with where its topics are."""
+    settings = Settings(markers=SETTINGS.markers[2:])
+    first, later = seed("knee", 0), seed("knee", 90)
+    choice = FromMcap(("/camera/video",))
+    api.track(folder / "base.mcap", tmp_path / "two.mcap", settings, [first], mcap=choice)
+    api.track(folder / "base.mcap", tmp_path / "all.mcap", settings, [first, later], mcap=choice)
+    api.retrack(tmp_path / "two.mcap", tmp_path / "out.mcap", [replace(later, marker="tracked/knee")])
+    assert rows(tmp_path / "out.mcap") == rows(tmp_path / "all.mcap")
+    report = api.retrack(tmp_path / "two.mcap", tmp_path / "first.mcap", [later], source=folder / "film.mp4")
+    assert list(report.statuses) == ["knee"]
+    tracks = api.open(tmp_path / "first.mcap").tracks
+    assert {"knee", "tracked/knee"} <= set(tracks)
+    assert all(abs(tracks["knee"].circle_px[i][0] - truth(knee(i)).x_px) < 2 for i in range(1, COUNT))
 
 
 # -- a part of a recording --------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The jobs: put all answers into a recording, or see what one circle would change."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -78,9 +78,9 @@ def stretch_of(
 def retrack(
     recording: Path, output: Path, answers: Sequence[Answer], *, source: Path | None, checked: bool,
     view_keeper: ViewKeeper, inputs: Sequence[Path], overwrite: bool, progress: Callable[[int, int | None], None],
-    stop: Callable[[], bool],
+    stop: Callable[[], bool], ids: Collection[str] | None = None,
 ) -> RetrackReport:  # fmt: skip
-    """As `api.retrack`; `checked` says that the source is known to be the input."""
+    """As `api.retrack`, of all runs or those of these ids; `checked` says that the source is known to be the input."""
     report = RetrackReport(output)
 
     def go_on() -> bool:
@@ -90,7 +90,7 @@ def retrack(
             progress(report.frames, None)
         return not report.stopped
 
-    with opened(recording) as (records, runs), ExitStack() as files:
+    with opened(recording, ids) as (records, runs), ExitStack() as files:
         done: list[tuple[Run, list[Answer], dict[str, Corrected], Footage | None]] = []
         for run, own in zip(runs, by_run(runs, answers, recording), strict=True):
             markers = answered_markers(own)

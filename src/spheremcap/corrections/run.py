@@ -3,7 +3,7 @@
 import itertools
 import json
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -75,8 +75,11 @@ class Run:
         )  # fmt: skip
 
 
-def runs_in(records: McapRecords) -> list[Run]:
-    """The runs of a recording, by the settings and seeds that go with each. Raises SourceError where there is none."""
+def runs_in(records: McapRecords, ids: Collection[str] | None = None) -> list[Run]:
+    """The runs of a recording, or those of these ids, by the settings and seeds that go with each.
+
+    One that is in what was tracked again is called after where its topics are. Raises SourceError where there is none.
+    """
     facts, found = runs_of(records), dict[str, Run]()
     texts = [
         (place, attachment.name, attachment.data.decode("utf-8", "replace"))
@@ -87,12 +90,17 @@ def runs_in(records: McapRecords) -> list[Run]:
         if (before, name) != (SETTINGS, SEEDS):
             continue
         for id_, lines in facts.items():
-            if id_ not in found and id_ == new_id(lines, settings, seeds):
+            wanted = id_ not in found and (ids is None or id_ in ids)
+            if wanted and id_ == new_id(lines, settings, seeds):
                 found[id_] = Run(records, id_, lines, settings, seeds, place)
                 break
     if not found:
         raise SourceError(f"{records.path}: no run of spheremcap track is in it: only what it wrote can be corrected")
-    return list(found.values())
+    runs = list(found.values())
+    if len({run.name for run in runs}) < len(runs):
+        for run in runs:
+            run.name = run.topics.root.strip("/")
+    return runs
 
 
 def new_id(facts: Mapping[str, str], settings: str, seeds: str) -> str:
@@ -133,14 +141,14 @@ def check(run: Run, answers: Sequence[Answer], path: Path) -> None:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[tuple[McapRecords, list[Run]]]:
-    """A recording and its runs. Raises SourceError for one that is damaged or that we did not write."""
+def opened(path: Path, ids: Collection[str] | None = None) -> Iterator[tuple[McapRecords, list[Run]]]:
+    """A recording and its runs, or those of these ids. Raises SourceError for one that is damaged or not of ours."""
     with McapRecords(path, held_bytes=_HELD_BYTES) as records:
         if records.lost:
             raise SourceError(
                 f"{path}: is damaged ({records.lost[0]}): make it whole first: spheremcap recover {path} -o OTHER.mcap"
             )
-        yield records, runs_in(records)
+        yield records, runs_in(records, ids)
 
 
 def by_run(runs: Sequence[Run], answers: Sequence[Answer], path: Path) -> list[list[Answer]]:

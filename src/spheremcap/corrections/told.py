@@ -20,11 +20,11 @@ def lost_marker(place: str, marker: str, last: MarkerEstimate | None) -> str:
     """What to look at, and what to give, for a marker that is lost at the end and was measured `last` there."""
     told = f"{place}{marker} is LOST at the end"
     if last is None or last.circle is None:
-        return f"{told}: it was never found after its seed; look whether the seed is on it"
+        return f"{told}: it was never found after its seed: look whether the seed is on it"
     c, frame = last.circle, last.frame_index
     return (
         f"{told}, last seen on frame {frame} at {c.x_px:.0f},{c.y_px:.0f} with radius {c.r_px:.0f}: look where it "
-        f"comes back after that, and run again with --seed {place}{marker}@FRAME=X,Y,R for that frame as well"
+        f"comes back after that, and give its circle: spheremcap retrack … --seed {place}{marker}@FRAME=X,Y,R"
     )
 
 
@@ -44,7 +44,8 @@ def answered(
     """What a person said to each request of a marker, "" where nobody did.
 
     An answer is to a request when it speaks of the frames that the request is about, or when its circle's stretch has
-    them; and it is to the last one before it when the marker was LOST until then, as `lost_before` says of a frame.
+    them; and it is to the last one before it when the marker was LOST until what it changes, as `lost_before` says of a
+    frame.
     """
     found: dict[Request, str] = {}
     for request in asked:
@@ -54,11 +55,18 @@ def answered(
         there += [stretch.answer for stretch in stretches if request not in stretch.requests]
         found[key_of(request)] = said(there[0]) if there else ""
     for answer in answers:
-        before = [request for request in asked if request.raised_at_frame_index <= answer.frame_index]
+        begins = _begins(answer, corrected)
+        before = [request for request in asked if request.raised_at_frame_index < begins]
         latest = max(before, key=lambda request: request.raised_at_frame_index, default=None)
-        if latest is not None and not found[key_of(latest)] and lost_before(answer.frame_index):
+        if latest is not None and not found[key_of(latest)] and lost_before(begins):
             found[key_of(latest)] = said(answer)
     return found
+
+
+def _begins(answer: Answer, corrected: Corrected) -> int:
+    """The first frame that an answer changes."""
+    own = (stretch.frames for stretch in corrected.stretches if stretch.answer == answer and len(stretch))
+    return next((frames[0] for frames in own), answer.frame_index)
 
 
 def _last(answer: Answer) -> int:

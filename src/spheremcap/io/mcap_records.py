@@ -79,6 +79,7 @@ class Piece:
     size: int = 0
     crc: int = 0
     channels: set[int] | None = None  # from the message indexes behind a chunk; None: not known
+    indexes: dict[int, tuple[int, int]] | None = None  # where each of those begins, by channel, and its length
     reported: bool = False
     sorted: bool = False  # its messages that were out of order have been counted
 
@@ -247,20 +248,14 @@ class McapRecords:
     def stored(self, piece: Piece) -> tuple[bytes, dict[int, tuple[int, int]]] | None:
         """A chunk's record with the message indexes behind it, as they are in the file; and by channel where its index
         begins in them, and how many messages it has. None where there is no chunk, or no index behind it."""
-        if piece.compression is None:
+        if not piece.indexes:
             return None
-        indexes: dict[int, tuple[int, int]] = {}
-        at = piece.offset + piece.length
-        while len(header := self._read(at, _HEADER.size)) == _HEADER.size:
-            opcode, length = _HEADER.unpack(header)
-            if opcode != Opcode.MESSAGE_INDEX:
-                break
-            channel_id = int.from_bytes(self._read(at + _HEADER.size, 2), "little")
-            indexes[channel_id] = (at - piece.record, (length - 6) // 16)
-            at += _HEADER.size + length
-        if not indexes:
-            return None
-        return self._read(piece.record, at - piece.record), indexes
+        found = {
+            id_: (body - _HEADER.size - piece.record, (length - 6) // 16)
+            for id_, (body, length) in piece.indexes.items()
+        }
+        end = max(body + length for body, length in piece.indexes.values())
+        return self._read(piece.record, end - piece.record), found
 
     @property
     def chunk_count(self) -> int:
@@ -397,8 +392,10 @@ class McapRecords:
                 self._pieces.append(chunk)
                 chunks[offset - 9] = chunk
             elif opcode == Opcode.MESSAGE_INDEX and chunk is not None:
-                chunk.channels = chunk.channels or set()
-                chunk.channels.add(struct.unpack("<H", self._read(offset, 2))[0])
+                channel_id = struct.unpack("<H", self._read(offset, 2))[0]
+                chunk.channels, chunk.indexes = chunk.channels or set(), chunk.indexes or {}
+                chunk.channels.add(channel_id)
+                chunk.indexes[channel_id] = (offset, length)
             elif opcode == Opcode.CHUNK_INDEX:
                 start, end, at = struct.unpack("<QQQ", self._read(offset, 24))
                 if at in chunks and (chunks[at].start, chunks[at].end) != (start, end):
@@ -594,7 +591,7 @@ class McapRecords:
 class MessageIndex:
     """The messages of some channels by their number, from 0 by log time, each found and read in constant time."""
 
-    def __init__(self, records: McapRecords, channels: Collection[int]) -> None:
+    def __init__(self, records: McapRecords, channels: frozenset[int]) -> None:
         self._records = records
         self._channels = channels
         self._locate(trusting=True)
@@ -652,21 +649,15 @@ class MessageIndex:
 
     def _stated(self, piece: Piece) -> list[tuple[int, int]] | None:
         """(log time, where the record starts in the chunk) by the indexes behind a chunk; None when it has none."""
-        if piece.compression is None or piece.channels is None:
+        if piece.indexes is None:
             return None
         found: list[tuple[int, int]] = []
-        at, read = piece.offset + piece.length, self._records._read
-        while len(header := read(at, _HEADER.size)) == _HEADER.size:
-            opcode, length = _HEADER.unpack(header)
-            if opcode != Opcode.MESSAGE_INDEX:
-                break
-            body = at + _HEADER.size
-            if int.from_bytes(read(body, 2), "little") in self._channels:
-                numbers = array("Q", read(body + 6, (length - 6) // 16 * 16))
-                if sys.byteorder == "big":
-                    numbers.byteswap()
-                found += zip(numbers[::2], numbers[1::2], strict=True)
-            at = body + length
+        for id_ in self._channels & piece.indexes.keys():
+            body, length = piece.indexes[id_]
+            numbers = array("Q", self._records._read(body + 6, (length - 6) // 16 * 16))
+            if sys.byteorder == "big":
+                numbers.byteswap()
+            found += zip(numbers[::2], numbers[1::2], strict=True)
         return sorted(found, key=lambda entry: entry[1])
 
     def _opened(self, piece: Piece) -> list[tuple[int, int]]:
