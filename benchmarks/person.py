@@ -1,10 +1,13 @@
-"""What it costs a person to finish a session on the operator's page: python benchmarks/person.py [CLIP ...]
+"""What it costs a person to finish a session on the operator's page: python benchmarks/person.py [FOLDER]
 
 A session is rendered in which a card hides the marker twice; the second time another ball of the same colour takes its
 place behind it, and the marker itself comes back from below; then it leaves the picture. A script does what a person
 does, at a person's pace (KEY_S before every key, MOUSE_S before every click or drag, LOOK_S to take in each request and
 each result), and says how many seconds and presses it took, apart from the seconds that the tracker was waited for, and
 how much of the track is right in the end. What the hand points at is taken from the truth, two pixels beside it.
+
+With a FOLDER that has them, clips of real cameras are finished as well; what a person does about them was found by
+looking at them. The clips are not in the repository.
 """
 
 import csv
@@ -12,6 +15,7 @@ import shutil
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -66,6 +70,21 @@ def session(rng: np.random.Generator, frames: int) -> World:
         frames, Ball("wrist", image_path(NARROW, marker), GREEN),
         Ball("", image_path(NARROW, other), GREEN, tracked=False), cards=(card,),
     )  # fmt: skip
+
+
+CLIPS: dict[str, list[tuple[str, int, Circle | None]]] = {
+    # A ball in a hand that comes and goes: seen a second time before the seed, half out of the picture on 278.
+    "green_ball_hand3.mp4": [
+        ("seed", 178, Circle(924.8, 114.3, 34.3)),
+        ("circle", 93, Circle(1108.0, 134.0, 38.0)),
+        ("hide", 111, None),
+        ("keep", 278, None),
+        ("hide", 435, None),
+    ],
+    # A toss against a wall: seeded at its top, it leaves the picture downwards.
+    "green_ball_toss.mp4": [("seed", 26, Circle(504.8, 48.0, 22.8)), ("gone", 37, None)],
+}
+"""What is done about each, on which frame."""
 
 
 class Person:
@@ -209,6 +228,36 @@ def rendered(browser: Any, folder: Path) -> None:
     score("in the end", max(folder.glob("session*.mcap"), key=lambda path: path.stat().st_mtime), truth)
 
 
+def real(browser: Any, clip: Path, folder: Path) -> None:
+    video = Path(shutil.copy(clip, folder / clip.name))
+    server = Annotate(video)
+    person = Person(Hand(browser.new_context(viewport={"width": 1440, "height": 900}).new_page()).open(server.url))
+    for step, frame, circle in CLIPS[clip.name]:
+        if step == "seed" and circle is not None:
+            start(person, "ball", frame, circle)
+        elif step == "circle" and circle is not None:
+            correct(person, frame, circle)
+        elif step == "gone":
+            person.to_frame(frame)
+            person.key("h")
+            person.key("End")
+            person.key("h")
+        else:
+            person.key("r")
+            person.look()
+            person.click("#keep" if step == "keep" else "#hide-all")
+        person.look()
+    person.wait(lambda: person.hand.said("#requests-left").startswith("0 of"))
+    write(person)
+    report(clip.name, person)
+    server.end()
+    last = max(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime)
+    counts = Counter(spheremcap.open(last).tracks["ball"].status.tolist())
+    print(
+        "  in the end: " + ", ".join(f"{count} {status.lower()}" for status, count in counts.most_common()), flush=True
+    )
+
+
 def score(when: str, recording: Path, truth: dict[int, Circle]) -> None:
     """How often it was measured where it is in full view, and how often where it is not or is not to be seen."""
     track = spheremcap.open(recording).tracks["wrist"]
@@ -229,6 +278,10 @@ def main() -> None:
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=find_chromium(), args=FLAGS)
         rendered(browser, folder)
+        for name in CLIPS if len(sys.argv) > 1 else ():
+            place = folder / Path(name).stem
+            place.mkdir()
+            real(browser, Path(sys.argv[1]) / name, place)
         browser.close()
     shutil.rmtree(folder)
 

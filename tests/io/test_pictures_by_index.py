@@ -1,6 +1,7 @@
 """Any picture by its index is the frame that reading from the start gives: pixels, index and stamp."""
 
 import random
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -80,6 +81,12 @@ def test_other_codecs_and_containers(tmp_path: Path, codec: str, suffix: str) ->
     check(media.video(tmp_path / f"a.{suffix}", 20, codec=codec, pixel_format=pixel_format, options={"g": "6"}))
 
 
+def test_pictures_before_their_key_frame_hang_on_the_group_before(tmp_path: Path) -> None:
+    """MPEG-2 has open groups, and its decoder gives the pictures before a key frame however broken."""
+    options = {"g": "6", "bf": "2", "sc_threshold": "1000000000"}
+    check(media.video(tmp_path / "a.mkv", 24, codec="mpeg2video", options=options), PacketIndex)
+
+
 def test_uneven_times_and_a_start_that_is_not_zero(tmp_path: Path) -> None:
     pts = [600, 650, 651, 700, 900, 2000, 2001, 2002, 2003, 2010]
     path = media.video(tmp_path / "a.mp4", 10, pts=pts, time_base=Fraction(1, 600), options={"bf": "0", "g": "4"})
@@ -148,15 +155,15 @@ def test_a_recording_without_its_index(tmp_path: Path) -> None:
     check(path)
 
 
-def test_an_index_that_leads_elsewhere_is_not_followed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("elsewhere", [lambda starts: starts[7] + 3, lambda starts: starts[8]])
+def test_an_index_that_leads_elsewhere_is_not_followed(tmp_path: Path, elsewhere: Callable[[Any], int]) -> None:
     path = video_recording(tmp_path / "a.mcap")
     with open_pictures(path) as found:
-        stamps = found._index._messages.log_times
-        starts = found._index._messages._start_of
-        wrong = stamps[7].to_bytes(8, "little") + starts[7].to_bytes(8, "little")
-    data = path.read_bytes()
-    assert data.count(wrong) == 1
-    path.write_bytes(data.replace(wrong, stamps[7].to_bytes(8, "little") + (starts[7] + 3).to_bytes(8, "little")))
+        stamps, starts = found._index._messages.log_times, found._index._messages._start_of
+    data, stamp = path.read_bytes(), stamps[7].to_bytes(8, "little")
+    right = stamp + starts[7].to_bytes(8, "little")
+    assert data.count(right) == 1
+    path.write_bytes(data.replace(right, stamp + elsewhere(starts).to_bytes(8, "little")))
     check(path)
 
 
@@ -202,6 +209,8 @@ def test_opening_decodes_one_picture_and_a_step_decodes_none(tmp_path: Path, mon
         for index in (12, 11, 10, 11, 14):
             found.frame(index)
         assert made == [10, 11, 12, 13, 14]
+        found.frame(27)
+        assert made[5:] == [25, 26, 27]
         assert found.holds(12)
         assert not found.holds(15)
 

@@ -56,6 +56,16 @@ def test_corrections_lie_over_each_other_and_come_off_in_any_order() -> None:
     assert names(made) == was
 
 
+def test_under_the_topmost_correction_stands_the_one_before_it() -> None:
+    made = lanes()
+    for by, votes in (("a", 1.0), ("b", 2.0), ("c", 3.0)):
+        made.correct("wrist", by, {12: State("VERIFIED", None, None, votes, ())})
+    made.remove("wrist", "c")
+    assert made.by_marker["wrist"].state(12).vote_sum == 2.0
+    made.remove("wrist", "a")
+    assert made.by_marker["wrist"].state(12).vote_sum == 2.0
+
+
 def test_what_the_recording_says_of_a_corrected_frame_waits_under_it() -> None:
     made = Lanes(["wrist"], 10, 8)
     made.correct("wrist", "a", {12: LOST})

@@ -17,9 +17,9 @@ from spheremcap import api
 from spheremcap.config import load_seeds, load_settings
 from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import OperatorRequest
-from spheremcap.core.marker import Hidden, Keep
+from spheremcap.core.marker import Answer, Hidden, Keep, Seed
 from spheremcap.errors import SourceError, UsageError
-from spheremcap.operator.opened import Opened
+from spheremcap.operator.opened import Opened, Request
 from spheremcap.operator.page import Page, _free
 from spheremcap.operator.words import FAILED, asked
 from spheremcap.verification.checks import CHECKS
@@ -185,6 +185,21 @@ def test_hidden_answers_a_request_at_once_and_comes_off_again(recording: Path, p
     page.take_back("hidden", "wrist", 40)
     assert page.lanes()["lanes"] == was
     assert not page.lanes()["requests"][0]["answered"]
+
+
+@pytest.mark.parametrize(
+    ("answer", "answered"),
+    [
+        (Hidden("wrist", 30, 39), False), (Hidden("wrist", 30, 40), True), (Keep("wrist", 49, 60), True),
+        (Keep("wrist", 50, 60), False), (Keep("elbow", 40, 49), False),
+        (Seed("wrist", 39, Circle(1, 1, 1)), False), (Seed("wrist", 40, Circle(1, 1, 1)), True),
+        (Seed("wrist", 49, Circle(1, 1, 1)), True), (Seed("wrist", 50, Circle(1, 1, 1)), False),
+    ],
+)  # fmt: skip
+def test_a_request_is_answered_by_what_is_said_of_its_frames(answer: Answer, answered: bool) -> None:
+    """Of the wrist it is not known where it was on the frames 40 to 49."""
+    lost = OperatorRequest("wrist", 40, 0, 45, 0, "")
+    assert Request(0, lost, 39, 50).answered([answer], COUNT - 1) is answered
 
 
 def test_keep_answers_a_request_and_changes_nothing(recording: Path, paged: Paged) -> None:

@@ -158,6 +158,11 @@ def test_an_exact_picture_is_that_of_the_file_and_a_quick_one_its_key_frame(clie
     np.testing.assert_array_equal(window, exact[60:67, 80:89])
     status, _, text = client("/crop/33?x=83&y=70&half=20")
     assert cv2.imdecode(np.frombuffer(text, np.uint8), cv2.IMREAD_COLOR).shape == (112, 112, 3)
+    for query in ("x=0&y=0&half=40", "x=319&y=239&half=40", "x=-900&y=0&half=40"):
+        status, _, text = client(f"/crop/33?{query}")
+        shown = cv2.imdecode(np.frombuffer(text, np.uint8), cv2.IMREAD_COLOR)
+        corner = shown[-8:, -8:] if "319" in query else shown[:8, :8]
+        assert abs(corner.astype(int) - 40).max() < 12  # out of the picture it is dark
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,7 @@ _PULSE_S, _LONGEST_PULSE_S = 0.1, 10.0
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 92]
 _LARGEST_PATCH_PX = 1 << 20
 _CROP_PX = 112
+_OUTSIDE = 40  # gray
 
 _HEADERS = {
     "content-security-policy": "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'; "
@@ -199,7 +200,7 @@ def application(page: Page) -> Starlette:
         x, y, half = (_number(request, key, least=-100_000, most=100_000) for key in ("x", "y", "half"))
         frame = await beside(_number(request, "frame"))
         half = min(max(half, 4), 2000)
-        cut = frame.patch(Window(x - half, y - half, 2 * half + 1, 2 * half + 1))
+        cut = _square(frame, Window(x - half, y - half, 2 * half + 1, 2 * half + 1))
         way = cv2.INTER_AREA if 2 * half > _CROP_PX else cv2.INTER_NEAREST
         return Response(
             await run(lambda: _jpeg(cv2.resize(cut, (_CROP_PX, _CROP_PX), interpolation=way))),  # type: ignore[arg-type]
@@ -328,6 +329,16 @@ def application(page: Page) -> Starlette:
         ],
         exception_handlers={SpheremcapError: refused, Outdated: outdated, HTTPException: http_error},
     )
+
+
+def _square(frame: Frame, window: Window) -> BgrImage:
+    """The window's pixels, dark where it reaches out of the picture."""
+    square = np.full((window.height, window.width, 3), _OUTSIDE, np.uint8)
+    inside = window.clipped(frame.width_px, frame.height_px)
+    if inside.width and inside.height:
+        y, x = inside.y - window.y, inside.x - window.x
+        square[y : y + inside.height, x : x + inside.width] = frame.patch(inside)
+    return square
 
 
 def _jpeg(image: BgrImage) -> bytes:
