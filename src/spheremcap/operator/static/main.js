@@ -313,7 +313,7 @@ async function keep() {
 
 // --- markers ---
 
-function markers() {
+function markers(refill = true) {
   const box = $("markers"), s = S.session;
   if (!s.markers.some((/** @type {any} */ m) => m.name === S.marker)) S.marker = s.markers[0]?.name ?? "";
   box.replaceChildren(...s.markers.map((/** @type {any} */ m, /** @type {number} */ k) => {
@@ -328,7 +328,7 @@ function markers() {
   const fixed = ["recording", "attended"].includes(s.kind);
   for (const id of ["marker-name", "marker-diameter", "marker-save"]) $(id).disabled = fixed;
   $("marker-form").hidden = fixed;
-  form(S.marker);
+  if (refill) form(S.marker);
   $("lane-names").replaceChildren(...s.markers.map((/** @type {any} */ m) => {
     const span = document.createElement("span");
     span.textContent = m.name; span.className = m.name === S.marker ? "chosen" : "";
@@ -610,7 +610,7 @@ async function listen() {
       mark = now.mark;
       job(now.job);
       if (now.written !== S.session.written) { S.session.written = now.written; }
-      if (now.answers !== S.answersRevision) { takeAnswers(await get("/answers")); S.session = await get("/session"); markers(); }
+      if (now.answers !== S.answersRevision) { takeAnswers(await get("/answers")); S.session = await get("/session"); markers(!$("marker-form").contains(document.activeElement)); }
       if (now.lanes !== S.lanesRevision || now.answers !== S.seenByLanes) { S.seenByLanes = now.answers; await takeLanes(); }
       if (now.trial !== Boolean(S.trial)) await takeTrial();
       if (S.session.kind === "attended" && now.asked !== S.asked) await question(now.asked);
@@ -618,7 +618,8 @@ async function listen() {
       if (lost) { lost = false; message(""); }
     } catch (error) {
       lost = true;
-      message(S.session.kind === "attended" ? "The run has ended: the terminal says how. All answers are in the seeds file." : "The page has lost its program. All that it said is saved is on disk: start `spheremcap annotate` again.");
+      if (!(error instanceof TypeError)) message(/** @type {Error} */ (error).message); // it answered: the program is there
+      else message(S.session.kind === "attended" ? "The run has ended: the terminal says how. All answers are in the seeds file." : "The page has lost its program. All that it said is saved is on disk: start `spheremcap annotate` again.");
       await new Promise((done) => setTimeout(done, 1500));
     }
   }
