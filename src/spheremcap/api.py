@@ -8,7 +8,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import chain
@@ -27,7 +27,7 @@ from spheremcap.core.marker import Answer, MarkerSpec, Seed
 from spheremcap.core.presets import PRESETS, assumed_camera
 from spheremcap.core.time import NS_PER_S, format_time
 from spheremcap.corrections import job
-from spheremcap.corrections.job import RetrackReport
+from spheremcap.corrections.job import Report, RetrackReport
 from spheremcap.corrections.run import camera_fact
 from spheremcap.corrections.told import lost_marker
 from spheremcap.detection.aspect import pixel_aspect
@@ -78,26 +78,8 @@ __all__ = [
 ]
 
 
-@dataclass
-class TrackReport:
-    """What `track` did: frames read, statuses per marker, what was lost, and what the user should know.
-
-    One that was `stopped` left what it had written in `part` (None: it had written nothing).
-    """
-
-    output: Path
-    frames: int = 0
-    statuses: dict[str, Counter[Status]] = field(default_factory=dict)
-    requests: int = 0
-    lost: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    stopped: bool = False
-    part: Path | None = None
-
-    @property
-    def complete(self) -> bool:
-        """Nothing was lost: every frame decoded, and no marker lost at the end."""
-        return not self.lost and not self.stopped
+class TrackReport(Report):
+    """What `track` did: all frames that were read, and the statuses and requests of all."""
 
 
 _AHEAD = 300  # frames of a video that may be decoded twice, to see the first seed before tracking begins

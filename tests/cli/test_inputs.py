@@ -78,7 +78,7 @@ def test_a_lost_marker_says_where_it_was_and_what_to_give(run, tmp_path):
     assert outcome.code == 3
     line = next(line for line in outcome.err.splitlines() if "LOST" in line)
     assert "orange is LOST at the end, last seen on frame 7 at 11" in line
-    assert "--seed orange@FRAME=X,Y,R" in line
+    assert "spheremcap annotate RECORDING" in line
 
 
 # --- info ---

@@ -32,15 +32,14 @@ from spheremcap.stretch import Corrected, Stretch, base_seeds, correct
 
 
 @dataclass
-class RetrackReport:
-    """What `retrack` did. `stretches` says in a line each what the answers changed; `frames` were tracked again for
-    that; `statuses` is by how much the numbers of frames have changed, by marker; `requests` are still open.
+class Report:
+    """What a job on a recording did: frames tracked, statuses per marker, requests, what was lost, and what the user
+    should know.
 
     One that was `stopped` left what it had written in `part` (None: it had written nothing).
     """
 
     output: Path
-    stretches: list[str] = field(default_factory=list)
     frames: int = 0
     statuses: dict[str, Counter[Status]] = field(default_factory=dict)
     requests: int = 0
@@ -51,8 +50,16 @@ class RetrackReport:
 
     @property
     def complete(self) -> bool:
-        """Nothing was lost, and no marker is lost at the end."""
+        """Nothing was lost: every frame decoded, and no marker lost at the end."""
         return not self.lost and not self.stopped
+
+
+@dataclass
+class RetrackReport(Report):
+    """What `retrack` did: `frames` were tracked again; `statuses` is by how much their numbers have changed; `requests`
+    are still open. `stretches` says in a line each what the answers changed."""
+
+    stretches: list[str] = field(default_factory=list)
 
 
 def stretch_of(

@@ -24,7 +24,8 @@ def lost_marker(place: str, marker: str, last: MarkerEstimate | None) -> str:
     c, frame = last.circle, last.frame_index
     return (
         f"{told}, last seen on frame {frame} at {c.x_px:.0f},{c.y_px:.0f} with radius {c.r_px:.0f}: look where it "
-        f"comes back after that, and give its circle: spheremcap retrack … --seed {place}{marker}@FRAME=X,Y,R"
+        "comes back after that, and give its circle there: spheremcap annotate RECORDING, or one more row in the seeds "
+        "and spheremcap retrack RECORDING --seeds SEEDS -o OTHER"
     )
 
 
