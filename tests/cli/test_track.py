@@ -152,22 +152,23 @@ def test_a_full_disk_is_one_line(run, clip, log, tmp_path):
 
 
 def test_ctrl_c_leaves_a_readable_part(tmp_path):
-    clip = write_clip(tmp_path / "long.mp4", 300)
+    """Interrupted as soon as the first second of the recording is on disk, with most of the clip still to come."""
+    count = 2400
+    clip = write_clip(tmp_path / "long.mp4", count)
     out, part = tmp_path / "out.mcap", tmp_path / "out.mcap.part"
-    later = ("--seed", "orange@299=100,90,18")
+    later = ("--seed", f"orange@{count - 1}=100,90,18")
     command = [sys.executable, "-m", "spheremcap", "track", str(clip), "-o", str(out), *ONE, *later]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        while not part.exists():
+        while not part.exists() or part.stat().st_size < 20_000:
             assert process.poll() is None
             time.sleep(0.01)
-        time.sleep(0.3)
         process.send_signal(signal.SIGINT)
         _stdout, stderr = process.communicate(timeout=60)
     assert process.returncode == 1, stderr
     assert f"they are in {part}" in stderr
     assert "Traceback" not in stderr
     assert not out.exists()
-    assert 0 < len(decoded(part)["/markers/orange/state"]) < 300
+    assert 0 < len(decoded(part)["/markers/orange/state"]) < count
 
 
 # --- recordings ---
