@@ -36,6 +36,7 @@ class PictureFolder:
     """
 
     pixel_aspect = 1.0
+    chroma_note = ""
     first_index = 0
     topic = ""
     calibration_topic: str | None = None

@@ -199,7 +199,7 @@ class McapImageSource:
         self.lost = Losses()
         self._pending: Iterator[Frame] | None = None
         self._decoders: dict[int, Callable[[bytes], dict[str, Any]]] = {}
-        self._frame: Callable[[int, int, av.VideoFrame], Frame] | None = None
+        self._of_video: DecodedPictures | None = None  # by the first picture, wherever frames are read from later
         self._records = source if isinstance(source, McapRecords) else McapRecords(source)
         try:
             self.topic = self._chosen(topic)
@@ -282,6 +282,11 @@ class McapImageSource:
 
     def _damage(self) -> list[str]:
         return list(map(str, self._records.lost))
+
+    @property
+    def chroma_note(self) -> str:
+        """What the pictures show of where their chroma lies, where nothing says it; else ""."""
+        return "" if self._of_video is None else self._of_video.chroma_note
 
     @property
     def time_source(self) -> str:
@@ -456,7 +461,6 @@ class McapImageSource:
             raise SourceError(f"{self.path}: {self.topic}: this PyAV has no decoder for {name}") from error
         decoder.thread_type = "SLICE"
         waiting: dict[int, tuple[int, EncodedPicture]] = {}
-        self._frame = None
         for index, stamp_ns, picture in self._from_key(pictures, name):
             encoded = EncodedPicture(picture.data, name, is_key_picture(picture.data, name))
             packet = av.Packet(picture.data)
@@ -506,10 +510,10 @@ class McapImageSource:
             if self.start_ns is not None and stamp_ns < self.start_ns:
                 continue
             self.lost.damaged += bool(picture.is_corrupt)
-            if self._frame is None:
-                self._frame = DecodedPictures(picture).frame
+            if self._of_video is None:
+                self._of_video = DecodedPictures(picture)
             try:
-                frame = self._frame(index, stamp_ns, picture)
+                frame = self._of_video.frame(index, stamp_ns, picture)
             except (av.FFmpegError, ValueError) as error:
                 self._miss(index, stamp_ns, f"its pixels cannot be converted ({short(error)})")
                 continue

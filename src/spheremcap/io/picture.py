@@ -27,6 +27,7 @@ from av.video.reformatter import VideoReformatter
 
 from spheremcap.core.frame import BgrFrame, Frame, YuvFrame, yuv_to_bgr_matrix
 from spheremcap.core.time import NS_PER_S
+from spheremcap.io.siting import lies_midway
 
 _AV_LOG_QUIET = -8  # AV_LOG_QUIET, below PANIC: FFmpeg's own callback prints nothing
 
@@ -92,7 +93,10 @@ def bounded(context: VideoCodecContext) -> VideoCodecContext:
 
 
 class DecodedPictures:
-    """The decoded pictures of one stream as frames, upright; size, orientation and chroma siting are the first's."""
+    """The decoded pictures of one stream as frames, upright; size, orientation and chroma siting are the first's.
+
+    `chroma_note` is for the user where that picture shows another siting than the stream says or means; else "".
+    """
 
     def __init__(self, first: av.VideoFrame) -> None:
         self._reformatter = VideoReformatter()
@@ -100,22 +104,29 @@ class DecodedPictures:
         self.orientation = orientation_of(first)
         turned = self.orientation.transposed
         self.width_px, self.height_px = self.coded_size[::-1] if turned else self.coded_size
-        self._siting = _chroma_siting(first)
+        self._siting, self.chroma_note = _chroma_siting(first), ""
         self._default_matrix = "bt709" if max(first.height, self.height_px) >= 720 else "bt601"
+        if self._siting in _UNTOLD and self._shows_midway(first):
+            self._siting = "center"
+            self.chroma_note = (
+                "chroma lies midway between two pixels, which the video does not say but its first picture shows"
+            )
 
-    def frame(self, index: int, stamp_ns: int, picture: av.VideoFrame) -> Frame:
-        """A DecodedFrame (planes as decoded, which it keeps alive) or, from RGB and palette video, a BgrFrame. Raises
-        av.FFmpegError or ValueError for a pixel format that cannot be converted.
-        """
-        layout, turn = _layout(picture.format.name), self.orientation
+    def _shows_midway(self, picture: av.VideoFrame) -> bool:
+        layout = _layout(picture.format.name)
+        if layout.step[0] != 2 or layout.gray or layout.convert_to == "bgr24":
+            return False
+        try:
+            return lies_midway(*self._stored(picture, layout))
+        except (av.FFmpegError, ValueError):
+            return False
+
+    def _stored(self, picture: av.VideoFrame, layout: "_Layout") -> tuple[Plane, Plane, Plane]:
+        """The planes Y, U and V as they lie in the file, 8 bits."""
         if layout.convert_to is not None:
             # Only depth and packing change: range, matrix and chroma grid stay those of the stream.
             picture = self._reformatter.reformat(picture, format=layout.convert_to, threads=1)
-        width, height = picture.width, picture.height
-        if layout.convert_to == "bgr24":
-            bgr = _plane(picture, 0, 3 * width, height).reshape(height, width, 3)
-            return BgrFrame(index, stamp_ns, np.ascontiguousarray(turn.apply(bgr)))
-        (sx, sy), (ox, oy) = layout.step, _chroma_origin(self._siting, layout.step)
+        (sx, sy), width, height = layout.step, picture.width, picture.height
         columns, rows = -(-width // sx), -(-height // sy)
         y = _plane(picture, 0, width, height)
         if layout.gray:
@@ -125,6 +136,20 @@ class DecodedPictures:
             u, v = both[..., layout.u_first], both[..., 1 - layout.u_first]
         else:
             u, v = _plane(picture, 1, columns, rows), _plane(picture, 2, columns, rows)
+        return y, u, v
+
+    def frame(self, index: int, stamp_ns: int, picture: av.VideoFrame) -> Frame:
+        """A DecodedFrame (planes as decoded, which it keeps alive) or, from RGB and palette video, a BgrFrame. Raises
+        av.FFmpegError or ValueError for a pixel format that cannot be converted.
+        """
+        layout, turn = _layout(picture.format.name), self.orientation
+        if layout.convert_to == "bgr24":
+            picture = self._reformatter.reformat(picture, format="bgr24", threads=1)
+            bgr = _plane(picture, 0, 3 * picture.width, picture.height).reshape(picture.height, picture.width, 3)
+            return BgrFrame(index, stamp_ns, np.ascontiguousarray(turn.apply(bgr)))
+        y, u, v = self._stored(picture, layout)
+        (sx, sy), (ox, oy) = layout.step, _chroma_origin(self._siting, layout.step)
+        (height, width), (rows, columns) = y.shape, u.shape
         if turn.transposed:
             (sx, sy), (ox, oy), (width, height), (columns, rows) = (
                 (sy, sx),
@@ -217,6 +242,9 @@ def _plane(picture: av.VideoFrame, index: int, width: int, height: int) -> Plane
     rows = np.frombuffer(memoryview(plane).toreadonly(), np.uint8).reshape(height, abs(plane.line_size))
     return rows[:: 1 if plane.line_size > 0 else -1, :width]
 
+
+_UNTOLD = ("unspecified", "left")
+"""What FFmpeg says of a stream that says nothing: H.264's and HEVC's decoders take the standard's default for said."""
 
 _LOG = threading.Lock()  # FFmpeg has one log, whatever the number of sources
 

@@ -57,9 +57,10 @@ class Source(Protocol):
     """Frames in order, each decoded once, and what is known of them before; closed by whoever opened it.
 
     `codec` says what the pictures are, and `passthrough_reason` why they cannot be handed on as they are (None: they
-    can). `topic`, `calibration_topic` and `frame_id` are those of a recording, "" or None elsewhere; `calibration` is
-    the camera found beside the pictures. `first_index` is that of the first frame. `stated_rate` (frames/s) and
-    `frame_count_hint` are for people and levels only.
+    can). `chroma_note` is what the pictures show of where their chroma lies, where nothing says it; else "". `topic`,
+    `calibration_topic` and `frame_id` are those of a recording, "" or None elsewhere; `calibration` is the camera found
+    beside the pictures. `first_index` is that of the first frame. `stated_rate` (frames/s) and `frame_count_hint` are
+    for people and levels only.
     """
 
     path: Path
@@ -69,6 +70,9 @@ class Source(Protocol):
     """How much wider than high a pixel is."""
     lost: Losses
     """Complete when all frames have been read."""
+
+    @property
+    def chroma_note(self) -> str: ...
 
     @property
     def codec(self) -> str: ...

@@ -85,6 +85,7 @@ class VideoSource:
         self.decoded = DecodedPictures(picture)
         """Makes frames of the stream's decoded pictures."""
         self.width_px, self.height_px = self.decoded.width_px, self.decoded.height_px
+        self.chroma_note = self.decoded.chroma_note
         self.rotation_deg = self.decoded.orientation.clockwise_deg
         """Clockwise turn, 0, 90, 180 or 270, that the stored picture needs and every Frame has had."""
         aspect = float(stream.sample_aspect_ratio or 1)
