@@ -1,6 +1,8 @@
 """The experiments run on a few rendered frames, and the report gathers them."""
 
 import re
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ from spheremcap.config import load_settings
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import BgrFrame
 from spheremcap.errors import UsageError
+from spheremcap.evaluation import held_out
 from spheremcap.evaluation.experiments import EXPERIMENTS, describe, run_experiment, run_report
 from spheremcap.evaluation.hough_tuning import THESIS, hough_samples, tune, tune_hough
 from spheremcap.evaluation.lab import Lab
@@ -146,6 +149,31 @@ def test_tuned_settings_can_be_used(lab: Lab, tmp_path: Path) -> None:
     assert load_settings(whole).camera.fx_px == 1150
     assert load_settings(whole).chain.hough == tuned.best
     assert set(THESIS) < set(tuned.best.model_dump())
+
+
+def test_settings_are_chosen_without_the_kind_that_they_are_scored_on(lab: Lab, tmp_path: Path) -> None:
+    """No kind likes votes that nothing can win."""
+    settings = {"jury.th1": (3.5, 6.0), "edge.noise": (0.004,)}
+    shutil.copytree(lab.folder / "sessions" / "clean", tmp_path / "clips" / "one")
+    trials: list[str] = []
+    result = held_out.held_out(replace(lab, clips=(tmp_path / "clips",), tell=trials.append), settings)
+    assert trials == ["held-out: clean", "held-out: one"]
+    heading, *rows = result.tables[0].cells
+    assert [row[0] for row in rows] == ["racing", "clips"]
+    for row in rows:
+        values = dict(zip(heading, row, strict=True))
+        assert 90 < float(values["Dice %, default"]) <= 100
+        assert 90 < float(values["Dice %, chosen without it"]) <= 100
+        assert "th1 = 6" not in values["chosen instead of the default"]
+
+
+def test_what_the_other_kinds_like_best_is_chosen_all_kinds_counting_alike() -> None:
+    settings = {"a.b": (1.0, 2.0), "a.c": (3.0,)}
+    many = {"default": 1.0, "a.b = 1": 0.8, "a.b = 2": 0.9, "a.c = 3": 1.0}
+    few = {"default": 1.0, "a.b = 1": 1.1, "a.b = 2": 0.7, "a.c = 3": 1.0}
+    assert held_out.chosen({"many": [many] * 9}, settings) == {"a.b": 1.0}
+    assert held_out.chosen({"many": [many] * 9, "few": [few]}, settings) == {"a.b": 2.0}
+    assert held_out.chosen({"few": [{**few, "a.b = 2": 1.0}]}, settings) == {}
 
 
 def test_what_is_proposed_without_a_seed_is_held_against_the_truth(lab: Lab) -> None:

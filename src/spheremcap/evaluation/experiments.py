@@ -7,6 +7,7 @@ from spheremcap.errors import UsageError
 from spheremcap.evaluation.accuracy import ablation, accuracy, peers
 from spheremcap.evaluation.colours import colours
 from spheremcap.evaluation.footage import footage
+from spheremcap.evaluation.held_out import held_out
 from spheremcap.evaluation.hough_tuning import hough
 from spheremcap.evaluation.lab import Lab
 from spheremcap.evaluation.lighting import illumination
@@ -30,6 +31,7 @@ EXPERIMENTS: Mapping[str, Callable[[Lab], Result]] = {
     "kalman": kalman,
     "votes": votes,
     "ablation": ablation,
+    "held-out": held_out,
 }
 """Name to experiment, in the report's order."""
 
@@ -54,7 +56,7 @@ def run_experiment(name: str, lab: Lab) -> Result:
 def run_report(lab: Lab, *, again: bool = False) -> Path:
     """Run what the folder has no result of (all when `again`) and write its report.html; returns the path."""
     for name in EXPERIMENTS:
-        if name == "footage" and not lab.clips:
+        if name in ("footage", "held-out") and not lab.clips:
             continue
         if again or load(lab.folder, name) is None:
             run_experiment(name, lab)
