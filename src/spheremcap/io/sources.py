@@ -82,7 +82,7 @@ class CameraView:
         return TopicsBeside(
             _free(self.name or _prefix(self.source.topic), camera, self.taken),
             root,
-            "" if frame_id else f"{_free(root, [TRANSFORMS], self.taken)}/{TRANSFORMS}",
+            f"{_free(root, [TRANSFORMS], self.taken)}/{TRANSFORMS}",
             frame_id,
         )
 
