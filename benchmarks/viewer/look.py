@@ -3,7 +3,6 @@
     python benchmarks/viewer/look.py LICHTBLICK RECORDING.mcap LAYOUT.json -o window.png --at 1.5
 
 LICHTBLICK is the folder of its web build (see build.sh here), `--at` are seconds after the recording's first message.
-With `--live ws://127.0.0.1:8765` there is no recording, and the layout is shown on what comes from there.
 Needs playwright (an extra of the `dev` ones) and Chromium, /usr/bin/chromium unless CHROMIUM says otherwise.
 """
 
@@ -30,7 +29,7 @@ PLACEHOLDER = "/*LICHTBLICK_SUITE_DEFAULT_LAYOUT_PLACEHOLDER*/"
 class Files(SimpleHTTPRequestHandler):
     """The viewer, with the layout as its default, and the recording in the ranges that it asks for."""
 
-    def __init__(self, *args, recording: Path | None, layout: Path, **kwargs) -> None:
+    def __init__(self, *args, recording: Path, layout: Path, **kwargs) -> None:
         self.recording, self.layout = recording, layout
         super().__init__(*args, **kwargs)
 
@@ -81,24 +80,20 @@ class Files(SimpleHTTPRequestHandler):
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("lichtblick", type=Path)
-    parser.add_argument("recording", type=Path, nargs="?")
+    parser.add_argument("recording", type=Path)
     parser.add_argument("layout", type=Path)
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--at", type=float, default=1.0, help="seconds after the first message")
     parser.add_argument("--wait", type=float, default=20.0, help="seconds that the viewer has to load")
     parser.add_argument("--size", default="1600x1000")
-    parser.add_argument("--live", default="")
     given = parser.parse_args()
     serve = partial(Files, recording=given.recording, layout=given.layout, directory=str(given.lichtblick))
     server = ThreadingHTTPServer(("127.0.0.1", 0), serve)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     here = f"http://127.0.0.1:{server.server_port}"
-    if given.live:
-        asked = f"ds=foxglove-websocket&ds.url={quote(given.live, safe='')}"
-    else:
-        start_ns = summarise(given.recording).start_ns or 0
-        time = format_time(start_ns + round(given.at * NS_PER_S))
-        asked = f"ds=remote-file&ds.url={quote(f'{here}/recording.mcap', safe='')}&time={quote(time, safe='')}"
+    start_ns = summarise(given.recording).start_ns or 0
+    time = format_time(start_ns + round(given.at * NS_PER_S))
+    asked = f"ds=remote-file&ds.url={quote(f'{here}/recording.mcap', safe='')}&time={quote(time, safe='')}"
     width, height = map(int, given.size.split("x"))
     with sync_playwright() as play:
         browser = play.chromium.launch(

@@ -92,6 +92,11 @@ def test_one_colour_a_marker_and_one_an_axis(tmp_path):
     assert not any(line["showLine"] for line in lines)  # no line across what was not measured
 
 
+def test_colours_go_by_the_order_in_which_the_run_lists_its_markers(tmp_path):
+    (camera,) = contents(write(tmp_path / "a.mcap")).cameras
+    assert camera.markers == tuple(marker.name for marker in MARKERS) != tuple(sorted(m.name for m in MARKERS))
+
+
 def test_without_a_camera_there_are_pixels_and_no_space(tmp_path):
     bare = [[Status.VERIFIED]] * 6
     path = tmp_path / "bare.mcap"
@@ -127,7 +132,7 @@ def test_several_cameras_and_sensors_each_have_their_panels(tmp_path, imu):
     assert [line["value"] for line in lines if line["enabled"]] == [
         f"/sensors/imu.angular_velocity.{axis}" for axis in "xyz"
     ]
-    assert "linear_acceleration.x" in [line["label"] for line in lines]  # not ticked: it has another unit
+    assert "x linear_acceleration" in [line["label"] for line in lines]  # not ticked: it has another unit
 
 
 def test_the_layout_of_240_pictures_a_second_is_slow(tmp_path):

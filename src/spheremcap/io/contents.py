@@ -67,15 +67,16 @@ def contents(path: str | os.PathLike[str]) -> Contents:
     with McapRecords(path) as records:
         names = schema_names(records)
         known = {c.topic for c in records.channels.values() if records.counts.get(c.id, 0) and not _replaced(c.topic)}
-        drawn = {c.topic for c in records.channels.values() if names[c.id] == _ANNOTATIONS} & known
-        sensing = [c for c in records.channels.values() if senses(c, names[c.id]) and c.topic in known]
-        sync = [c for c in records.channels.values() if c.topic.startswith("/sync/") and c.topic in known]
+        channels = [c for c in records.channels.values() if c.topic in known]
+        sensing = dict.fromkeys(c.topic for c in channels if senses(c, names[c.id]))
+        sync = dict.fromkeys(c.topic for c in channels if c.topic.startswith("/sync/"))
+        drawn = {c.topic for c in channels if names[c.id] == _ANNOTATIONS}
         cameras = tuple(_cameras(records, drawn, known, _parents(records)))
         rates = [_rate_hz(records, camera.topics.annotations) for camera in cameras]
         return Contents(
             cameras,
-            tuple(SensorContents(c.topic, _numbers(records, c.topic)) for c in sensing),
-            tuple(SensorContents(c.topic, _numbers(records, c.topic)) for c in sync),
+            tuple(SensorContents(topic, _numbers(records, topic)) for topic in sensing),
+            tuple(SensorContents(topic, _numbers(records, topic)) for topic in sync),
             frozenset(known),
             max(rates, default=0.0),
         )

@@ -239,7 +239,8 @@ def _sensor(title: str, sensor: SensorContents) -> Panel:
     for number, path in enumerate(sensor.numbers):
         rgb = AXES_RGB.get(path.rpartition(".")[2]) or marker_rgb(number)
         ticked = path.rpartition(".")[0] == quantity if quantity else number == 0
-        lines.append(_line(f"{sensor.topic}.{path}", path, rgb) | {"enabled": ticked, "showLine": True})
+        label = " ".join(reversed(path.rpartition(".")[::2])).strip()  # the axis first: legends are narrow
+        lines.append(_line(f"{sensor.topic}.{path}", label, rgb) | {"enabled": ticked, "showLine": True})
     return _plot(title, lines)
 
 
