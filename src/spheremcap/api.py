@@ -696,20 +696,17 @@ class _Rate:
 
 
 def _view_keeper(settings: Settings) -> Callable[[MarkerEstimate], bool]:
-    """Which estimates get a debug picture: the first of each doubt and then some of it, and few while nothing is
-    doubted."""
+    """Which estimates get a debug picture: at once where a doubt begins (but for one in the last period), some of it,
+    and few while nothing is doubted."""
     output = settings.output
     if output.debug_images == "none":
         return lambda estimate: False
     usual = {m.name: _Rate(output.debug_rate_hz * _UNDOUBTED) for m in settings.markers}
-    doubted: dict[str, _Rate] = {}
+    doubted = {m.name: _Rate(output.debug_rate_hz) for m in settings.markers}
 
     def keep(estimate: MarkerEstimate) -> bool:
-        name = estimate.marker
-        if estimate.status.measured and not estimate.reasons:
-            doubted.pop(name, None)
-            return usual[name](estimate.stamp_ns)
-        return doubted.setdefault(name, _Rate(output.debug_rate_hz))(estimate.stamp_ns)
+        lane = usual if estimate.status.measured and not estimate.reasons else doubted
+        return lane[estimate.marker](estimate.stamp_ns)
 
     return keep
 

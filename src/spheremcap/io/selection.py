@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from spheremcap.core.time import LARGEST_RELATIVE_NS
 from spheremcap.errors import UsageError
 from spheremcap.io.mcap_records import McapRecords
-from spheremcap.io.sources import LARGEST_RELATIVE_NS
 
 
 @dataclass(frozen=True)
