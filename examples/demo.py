@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from spheremcap.evaluation.tracks import evaluate, scores_table
-from spheremcap.io.layout import layout_json
+from spheremcap.io.layout import layout_path
 
 
 def command(*words: str) -> None:
@@ -28,8 +28,7 @@ def main() -> None:
     )  # fmt: skip
     command("info", str(recording))
     command("export", str(recording), "-o", str(folder / "tracks.csv"), "--overwrite")
-    layout = folder / "foxglove-layout.json"
-    layout.write_text(layout_json(["left_wrist", "right_wrist"]), encoding="utf-8")
+    layout = layout_path(recording)
     print("\nAgainst the exact truth of the rendering:")
     print(scores_table(evaluate(recording, folder / "truth.csv")))
     print(f"\nTo look at it: open {recording} in Foxglove (or Lichtblick), then import the layout {layout}.")

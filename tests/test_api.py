@@ -16,8 +16,9 @@ import spheremcap
 from clips import COUNT, START_NS, balls, decoded, rows, write_clip, write_recording
 from scenes import CAMERA, ball_at, picture, truth
 from spheremcap import api
-from spheremcap.config import Settings
+from spheremcap.config import MarkerSettings, Settings
 from spheremcap.core.circle import Circle
+from spheremcap.core.estimate import MarkerEstimate, Status
 from spheremcap.core.marker import Seed
 from spheremcap.core.presets import PRESETS
 from spheremcap.errors import SourceError
@@ -278,3 +279,22 @@ def test_a_recording_that_begins_at_time_zero_can_be_tracked_again(tmp_path):
     source = McapImageSource(tmp_path / "out.mcap", "/camera/video")
     assert [frame.stamp_ns for frame in source.frames()][:2] == [0, 4166667]
     source.close()
+
+
+def test_debug_pictures_come_at_once_where_a_doubt_begins_and_are_rare_else():
+    settings = Settings(markers=(MarkerSettings(name="a"),))
+    keep = api._view_keeper(settings)
+    second = 10**9
+
+    def kept(status, start_s, end_s, step=10):
+        frames = range(start_s * step, end_s * step)
+        return [k / step for k in frames if keep(MarkerEstimate("a", k, k * second // step, status))]
+
+    assert kept(Status.VERIFIED, 0, 41) == [0, 20, 40]
+    assert kept(Status.ESTIMATED, 41, 44) == [41, 42, 43]
+    assert kept(Status.VERIFIED, 44, 50) == []
+    assert kept(Status.LOST, 50, 51) == [50]
+    # A status that flickers makes no more pictures than one that stays.
+    flickering = [keep(MarkerEstimate("a", k, 60 * second + k * second // 240, (Status.VERIFIED, Status.LOST)[k % 2]))
+                  for k in range(480)]  # fmt: skip
+    assert sum(flickering) <= 3

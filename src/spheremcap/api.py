@@ -82,6 +82,7 @@ class TrackReport(Report):
     """What `track` did: all frames that were read, and the statuses and requests of all."""
 
 
+_UNDOUBTED = 0.05  # of the rate of debug pictures, while nothing is doubted
 _AHEAD = 300  # frames of a video that may be decoded twice, to see the first seed before tracking begins
 
 Progress = Callable[[int, int | None], None]
@@ -492,7 +493,11 @@ class _Camera:
 
     def begin(self, writer: SharedWriter) -> McapLog:
         """Start this camera's part of the recording."""
-        self._log = McapLog(writer, camera=self._calibration, markers=self._specs, run=self._run, topics=self._topics)
+        size_px = self._camera.width_px, self._camera.height_px
+        self._log = McapLog(
+            writer, camera=self._calibration, markers=self._specs, picture_px=size_px, run=self._run,
+            topics=self._topics,
+        )  # fmt: skip
         return self._log
 
     def attend(self, operator: Operator, files: ExitStack) -> None:
@@ -697,15 +702,16 @@ class _Rate:
 
 
 def _view_keeper(settings: Settings) -> Callable[[MarkerEstimate], bool]:
-    """Which estimates get a debug picture: some of all, and as many again of those that were not verified."""
-    if settings.output.debug_images == "none":
+    """Which estimates get a debug picture: at once where a doubt begins (but for one in the last period), some of it,
+    and few while nothing is doubted."""
+    output = settings.output
+    if output.debug_images == "none":
         return lambda estimate: False
-    rate = settings.output.debug_rate_hz
-    usual = {m.name: _Rate(rate) for m in settings.markers}
-    doubted = {m.name: _Rate(rate) for m in settings.markers}
+    usual = {m.name: _Rate(output.debug_rate_hz * _UNDOUBTED) for m in settings.markers}
+    doubted = {m.name: _Rate(output.debug_rate_hz) for m in settings.markers}
 
     def keep(estimate: MarkerEstimate) -> bool:
-        lane = usual if estimate.status.measured else doubted
+        lane = usual if estimate.status.measured and not estimate.reasons else doubted
         return lane[estimate.marker](estimate.stamp_ns)
 
     return keep

@@ -130,7 +130,10 @@ class OutputSettings(StageConfig):
         "auto", description="auto: as recorded when a viewer can play it, else encoded once as H.264"
     )
     debug_images: Literal["none", "crops", "full"] = Field("crops", description="debug pictures of each marker")
-    debug_rate_hz: float = Field(4.0, gt=0, le=1000, description="debug pictures a second and marker, at most")
+    debug_rate_hz: float = Field(
+        1.0, gt=0, le=1000,
+        description="debug pictures a second and marker from where it is doubted on; a twentieth while it is not",
+    )  # fmt: skip
     compression: Literal["zstd", "lz4", "none"] = Field("zstd", description="MCAP chunk compression")
 
 

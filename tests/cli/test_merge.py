@@ -150,7 +150,9 @@ def test_each_placement_is_one_line_and_what_is_lost_is_exit_3(run, log, tmp_pat
     out = tmp_path / "out.mcap"
     outcome = run("merge", log, imu, "-o", out)
     assert outcome.code == 3
-    first, second, lost = outcome.err.splitlines()
+    first, second, frames, lost = outcome.err.splitlines()
+    assert "nothing says where" in frames
+    assert "imu" in frames
     assert first.startswith("spheremcap: log: ")
     assert first.endswith("times: log times; added: nothing")
     assert "imu: 30 samples at 100 Hz, " in second

@@ -212,7 +212,9 @@ def test_what_is_copied_can_be_chosen(run, log, tmp_path):
     images, none, encoded = (tmp_path / f"{name}.mcap" for name in ("images", "none", "encoded"))
     assert run("track", log, "-o", images, *ONE, "--copy", "images").code == 0
     topics = decoded(images)
-    assert "/tf" not in topics
+    assert {(t.parent_frame_id, t.child_frame_id) for some in topics["/tf"] for t in some.transforms} == {
+        ("cam0", "cam0_debug")
+    }
     assert len(topics["/front/image"]) == COUNT
     assert len(topics["/front/camera_info"]) == 1
     assert run("track", log, "-o", none, *ONE, "--copy", "none").code == 0
@@ -298,14 +300,17 @@ def test_all_is_in_the_coordinate_frame_that_the_pictures_have(run, log, own_cam
         out = tmp_path / f"{number}.mcap"
         assert run("track", source, "-o", out, *ONE, *flags).code == 0
         topics = decoded(out)
-        assert coordinate_frames(topics) == {"cam0"}
-        assert {topic for topic in topics if topic.endswith("/tf")} <= {"/tf"}  # the input's, if any
+        assert coordinate_frames(topics) == {"cam0", "cam0_debug"}
+        ours = topics.get("/tracked/tf") or topics["/tf"]  # where the camera is stays the input's to say
+        assert {(t.parent_frame_id, t.child_frame_id) for some in ours for t in some.transforms} == {
+            ("cam0", "cam0_debug")
+        }
     nameless = write_recording(tmp_path / "nameless.mcap", ["/front/image"], frame_id="", calibrated=False)
     out = tmp_path / "placed.mcap"
     assert run("track", nameless, "-o", out, *ONE, "-s", own_camera).code == 0
-    assert coordinate_frames(decoded(out)) == {"", "front_optical"}
+    assert coordinate_frames(decoded(out)) == {"", "front_optical", "front_optical_debug"}
     placed = {(t.parent_frame_id, t.child_frame_id) for some in decoded(out)["/tracked/tf"] for t in some.transforms}
-    assert placed == {("world", "front"), ("front", "front_optical")}
+    assert placed == {("world", "front"), ("front", "front_optical"), ("front_optical", "front_optical_debug")}
 
 
 def test_a_calibration_that_does_not_fit_matters_only_when_it_is_used(run, own_camera, tmp_path):
@@ -391,12 +396,12 @@ def test_an_operator_on_the_terminal_is_asked_and_answers_go_into_a_seeds_file(r
     assert outcome.code == 0, outcome
     assert "ball is lost on frame" in outcome.err
     assert f"{out}.ball@12.png" in outcome.err
-    assert sorted(tmp_path.iterdir()) == [film, out, tmp_path / "out.seeds.toml"]
+    assert sorted(tmp_path.iterdir()) == [film, tmp_path / "out.layout.json", out, tmp_path / "out.seeds.toml"]
     first, hidden = load_seeds(tmp_path / "out.seeds.toml")
     assert (first.frame_index, hidden.frame_index, hidden.to_frame_index) == (0, 12, 59)
     assert hidden.time.endswith("Z")
     states = decoded(out)["/markers/ball/state"]
-    assert [s.status for s in states[12:]] == [5] * 48
+    assert [s.status for s in states[12:]] == [33] * 48
     again = tmp_path / "again.mcap"
     assert run("track", film, "-o", again, "--seeds", tmp_path / "out.seeds.toml").code == 0
     assert again.read_bytes() == out.read_bytes()

@@ -1,13 +1,16 @@
 """The other verbs: info, export, evaluate, experiment, tune, synth, config, and the help of all."""
 
+import json
+
 import pytest
+from panel_types import check_layout
 
 from clips import COUNT, seed, write_truth
 from spheremcap.config import load_settings
 
 VERBS = (
-    "annotate", "track", "retrack", "merge", "sync", "info", "export", "recover", "evaluate", "experiment", "synth",
-    "tune", "config",
+    "annotate", "track", "retrack", "merge", "sync", "info", "layout", "export", "render", "plot", "recover",
+    "evaluate", "experiment", "synth", "tune", "config",
 )  # fmt: skip
 
 
@@ -73,6 +76,28 @@ def test_experiments_are_listed_and_unknown_ones_named(run, tmp_path):
     assert "accuracy" in outcome.err
     outcome = run("experiment", "accuracy", "-o", tmp_path / "x", "--clips", tmp_path / "none")
     assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+
+
+def test_layout_is_written_by_itself_and_beside_what_track_and_merge_write(run, tracked, clip, tmp_path):
+    outcome = run("layout", tracked, "-o", tmp_path / "a.json")
+    assert outcome.code == 0, outcome.err
+    assert "Import from file" in outcome.out
+    check_layout(json.loads((tmp_path / "a.json").read_text()))
+    film, merged = tmp_path / "film.mcap", tmp_path / "merged.mcap"
+    for arguments, out in ((("track", clip, "--seed", seed("orange")), film), (("merge", film), merged)):
+        outcome = run(*arguments, "-o", out)
+        assert outcome.code == 0, outcome.err
+        assert str(out.with_suffix(".layout.json")) in outcome.out
+        check_layout(json.loads(out.with_suffix(".layout.json").read_text()))
+    kept = film.with_suffix(".layout.json")
+    kept.write_text("mine")
+    film.unlink()
+    outcome = run("track", clip, "--seed", seed("orange"), "-o", film)
+    assert (outcome.code, kept.read_text()) == (0, "mine")
+    assert "stays" in outcome.err
+    other = tmp_path / "other.mcap"
+    assert run("track", clip, "--seed", seed("orange"), "-o", other, "--no-layout").code == 0
+    assert not other.with_suffix(".layout.json").exists()
 
 
 def test_info_and_export(run, tracked, log, tmp_path):

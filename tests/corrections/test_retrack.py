@@ -189,7 +189,7 @@ def test_circles_and_paths_are_drawn_anew(folder, tracks):
 def test_debug_pictures_inside_are_those_of_the_stretch(folder):
     """The base's show the decoy."""
     base, corrected = (decoded(folder / f"{name}.mcap")["/markers/knee/debug"] for name in ("base", "corrected"))
-    assert len(corrected) > 3
+    assert len(corrected) > 1
     assert not {m.data for m in corrected[1:]} & {m.data for m in base[1:]}
 
 

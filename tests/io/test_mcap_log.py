@@ -11,6 +11,9 @@ from pathlib import Path
 
 import av
 import pytest
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
@@ -281,3 +284,26 @@ def test_the_example_runs(tmp_path, monkeypatch, capsys):
         monkeypatch.setattr(sys, "argv", [name, out])
         runpy.run_path(str(examples / name), run_name="__main__")
     assert "front/wrist: 240 frames" in capsys.readouterr().out
+
+
+def test_the_gravest_line_of_a_stamp_is_its_last(tmp_path):
+    path = tmp_path / "a.mcap"
+    with McapLog(path, camera=CAMERA, markers=MARKERS) as log:
+        for level, text in (("INFO", "a"), ("WARNING", "b"), ("ERROR", "c"), ("INFO", "d"), ("WARNING", "e")):
+            log.log(level, text, stamp(0))
+        log.write(result(0), None)
+    with path.open("rb") as file:
+        lines = [Log.FromString(m.data) for _, _, m in make_reader(file).iter_messages(topics=["/log"])]
+    assert [line.message for line in lines] == ["a", "d", "b", "e", "c"]
+
+
+def test_frames_are_written_without_a_camera_too_and_debug_pictures_have_their_own(tmp_path):
+    path = tmp_path / "a.mcap"
+    with McapLog(path, camera=None, markers=MARKERS) as log:
+        log.write(result(0, view=True), None)
+    with path.open("rb") as file:
+        found = {c.topic: m.data for _, c, m in make_reader(file).iter_messages()}
+    edges = {(e.parent_frame_id, e.child_frame_id) for e in FrameTransforms.FromString(found["/tf"]).transforms}
+    picture = CompressedImage.FromString(found["/markers/left_wrist/debug"])
+    assert ("camera_optical", picture.frame_id) in edges
+    assert picture.frame_id == "camera_optical_debug"

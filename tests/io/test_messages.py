@@ -14,6 +14,7 @@ from spheremcap.core.camera import Camera
 from spheremcap.core.estimate import MarkerEstimate, Status
 from spheremcap.io import _pb, messages
 from spheremcap.io.recording import _Numbers, state_row
+from spheremcap.io.topics import Topics
 
 REPO = Path(__file__).parents[2]
 
@@ -28,35 +29,6 @@ def test_committed_descriptors_are_what_protoc_makes_of_the_proto_files():
 @given(st.integers(0, 2**63 - 1))
 def test_stamps_go_through_protobuf_exactly(stamp_ns):
     assert messages.stamp_of(messages.timestamp(stamp_ns)) == stamp_ns
-
-
-def test_annotations_count_from_the_pixel_corner_and_give_diameters():
-    shown = estimate("left_wrist", 4, Status.VERIFIED)
-    message = messages.annotations(stamp(4), [shown], 12.0)
-    (circle,) = message.circles
-    assert (circle.position.x, circle.position.y) == (shown.circle.x_px + 0.5, shown.circle.y_px + 0.5)
-    assert circle.diameter == 2 * shown.circle.r_px
-    window = shown.search
-    assert [(p.x, p.y) for p in message.points[0].points][::2] == [
-        (window.x, window.y),
-        (window.x + window.width, window.y + window.height),
-    ]
-    assert message.texts[0].text.startswith("left_wrist VERIFIED")
-
-
-@pytest.mark.parametrize("status", list(Status))
-def test_every_annotation_bears_the_pictures_stamp_and_can_be_seen(status):
-    message = messages.annotations(stamp(9), [estimate("a", 9, status), estimate("b", 9, status)], 12.0)
-    items = [*message.circles, *message.points, *message.texts]
-    assert {messages.stamp_of(item.timestamp) for item in [message, *items]} == {stamp(9)}
-    assert len(message.texts) == 2
-    assert all(item.outline_color.a > 0 for item in [*message.circles, *message.points])
-    assert all(text.text_color.a > 0 for text in message.texts)
-
-
-def test_a_rejected_claim_is_drawn_thinly_beside_the_filters_circle():
-    message = messages.annotations(stamp(1), [estimate("a", 1, Status.ESTIMATED)], 12.0)
-    assert [circle.thickness for circle in message.circles] == [2.0, 1.0]
 
 
 def test_what_is_none_stays_unset():
@@ -87,6 +59,11 @@ def test_a_state_comes_back_as_it_went_in(status):
     assert np.isnan(row.numbers[_Numbers.vote_sum]) == (given_.vote_sum is None)
 
 
+@pytest.mark.parametrize(("number", "status"), [(1, "SEEDED"), (2, "VERIFIED"), (3, "ESTIMATED"), (4, "LOST")])
+def test_states_of_before_viewers_coloured_them_are_still_read(number, status):
+    assert state_row(_pb.MarkerState(marker="a", status=number).SerializeToString(), 0).status == status
+
+
 def test_votes_hold_all_six_and_the_best():
     of = estimate("a", 2, Status.ESTIMATED)
     message = messages.votes(of)
@@ -115,7 +92,7 @@ def test_calibration_speaks_ros(model, given_, name, expected):
 
 
 def test_the_optical_frame_looks_along_the_cameras_x_axis():
-    rotation = messages.transforms(START_NS, "world", "camera", "camera_optical").transforms[1].rotation
+    rotation = messages.transforms(START_NS, Topics().edges()).transforms[1].rotation
     v, w = np.array([rotation.x, rotation.y, rotation.z]), rotation.w
 
     def turned(p):

@@ -11,11 +11,10 @@ from recording_data import CAMERA, MARKERS, PERIOD_NS, START_NS, result, stamp
 
 from spheremcap.core.estimate import Status
 from spheremcap.errors import SourceError
-from spheremcap.io import _pb, layout, recording
+from spheremcap.io import _pb, recording
 from spheremcap.io.mcap_log import McapLog, RunInfo, schema_id
 from spheremcap.io.messages import timestamp
 from spheremcap.io.summary import summarise
-from spheremcap.io.topics import Topics
 
 COUNT = 48
 RUN = RunInfo("s.mp4", 1, "cd" * 32, settings_toml="[hough]\ndp = 4\n", seeds_toml="# seeds")
@@ -196,25 +195,3 @@ def test_a_summary_of_anybodys_file(tmp_path):
     assert (summary.start_ns, summary.end_ns, summary.markers) == (5, 9, ())
     session = recording.open(path)
     assert (session.tracks, session.sensors, session.settings, session.info) == ({}, {}, {}, {})
-
-
-def test_the_layout_names_the_recordings_topics_and_only_panels_it_has():
-    topics = Topics("/left", "/left")
-    made = layout.layout(["left_wrist", "left_elbow"], topics)
-    used = set()
-
-    def walk(node):
-        if isinstance(node, str):
-            used.add(node)
-        else:
-            walk(node["first"]), walk(node["second"])
-
-    walk(made["layout"])
-    tabs = [tab["layout"] for name, p in made["configById"].items() if name.startswith("Tab!") for tab in p["tabs"]]
-    assert used | set(tabs) == set(made["configById"])
-    picture = made["configById"]["Image!picture"]
-    assert picture["imageMode"]["imageTopic"] == topics.video
-    assert picture["synchronize"] is picture["imageMode"]["synchronize"] is False
-    assert picture["topics"][topics.scene] == {"visible": False}
-    assert all(p["foxglovePanelTitle"] == p["lichtblickPanelTitle"] for p in made["configById"].values())
-    assert layout.layout_json(["a"]).endswith("}\n")

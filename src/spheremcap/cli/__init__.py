@@ -17,8 +17,11 @@ from spheremcap.cli import (
     experiment,
     export,
     info,
+    layout,
     merge,
+    plot,
     recover,
+    render,
     retrack,
     sync,
     synth,
@@ -63,7 +66,8 @@ def _root(
 
 
 for verb in (
-    annotate.annotate, track.track, retrack.retrack, merge.merge, recover.recover, sync.sync, info.info, export.export,
+    annotate.annotate, track.track, retrack.retrack, merge.merge, recover.recover, sync.sync, info.info, layout.layout,
+    export.export, render.render, plot.plot,
     evaluate.evaluate, experiment.experiment, synth.synth,
 ):  # fmt: skip
     app.command(help=_paragraphs(verb.__doc__ or ""))(verb)

@@ -7,6 +7,7 @@ from typing import Annotated, TypeVar
 
 import typer
 
+from spheremcap.cli.layout import NoLayout, beside
 from spheremcap.cli.progress import bar, loaded, stopped
 from spheremcap.errors import UsageError
 from spheremcap.interrupt import Interrupt
@@ -57,9 +58,12 @@ def merge(
     ] = None,
     prefix: Annotated[
         list[str] | None,
-        typer.Option("--prefix", metavar="NAME=TOPIC", help="Put an MCAP's topics under another: second=/right"),
+        typer.Option(
+            "--prefix", metavar="NAME=TOPIC", help="Put an MCAP's topics and frames under another: second=/right"
+        ),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
+    no_layout: NoLayout = False,
     force: Annotated[
         bool, typer.Option("--force", help="Merge inputs that do not overlap, or whose clock began anew, as they are.")
     ] = False,
@@ -67,9 +71,9 @@ def merge(
     """Merge recordings and sensor files by log time; the inputs stay as they are.
 
     An input is called NAME as its file is without the ending, `wheel` for wheel.csv and `imu` for imu/. Messages of
-    MCAPs go over byte for byte; sensors become topics /sensors/NAME in SI units. Where each input was placed and why is
-    said, and written as metadata; each message's publish time stays its own. For a table that is not understood, a
-    mapping file to start from is printed.
+    MCAPs go over byte for byte, but for coordinate frames that --prefix renames; sensors become topics /sensors/NAME
+    in SI units. Where each input was placed and why is said, and written as metadata; each message's publish time stays
+    its own. For a table that is not understood, a mapping file to start from is printed.
 
         spheremcap merge session.mcap wheel.csv imu/ -o dataset.mcap --offset wheel=+12.5ms --sync imu=left_wrist
     """
@@ -123,6 +127,7 @@ def merge(
     if dataset.merged.stopped:
         raise stopped(written, dataset.merged.part)
     print(f"{written} on {len(counts)} topics -> {output}")
+    beside(output, not no_layout, overwrite)
     if dataset.lost:
         raise typer.Exit(3)
 

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from spheremcap.cli.layout import NoLayout, beside
 from spheremcap.cli.progress import bar, loaded, stopped
 from spheremcap.cli.track import answers_of
 from spheremcap.interrupt import Interrupt
@@ -28,6 +29,7 @@ def retrack(
         typer.Option("--source", help="What was tracked, where it is no longer beside the recording."),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
+    no_layout: NoLayout = False,
 ) -> None:
     """Track again only what answers change, and copy every other message as it is.
 
@@ -56,5 +58,6 @@ def retrack(
     if report.requests:
         print(f"{report.requests} request{'s' * (report.requests != 1)} still open: see `spheremcap info {output}`")
     print(f"{report.frames} frames tracked again -> {output}")
+    beside(output, not no_layout, overwrite)
     if not report.complete:
         raise typer.Exit(3)

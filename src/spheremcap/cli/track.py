@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from spheremcap.cli.layout import NoLayout, beside
 from spheremcap.cli.progress import bar, loaded, stopped
 from spheremcap.core.time import parse_time_ns
 from spheremcap.errors import UsageError, short
@@ -85,6 +86,7 @@ def track(
         typer.Option("--operator", help="Who is asked where a marker is lost; tracking waits for the answer."),
     ] = "none",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
+    no_layout: NoLayout = False,
     topic: Annotated[
         list[str] | None,
         typer.Option(
@@ -151,13 +153,13 @@ def track(
     if any(flag is not None for flag in (topic, time, start, end, copy)):
         mcap = FromMcap(
             tuple(topic or ()), time or "header",
-            _time_ns("--start", start), _time_ns("--end", end), copy or "all",
+            time_ns("--start", start), time_ns("--end", end), copy or "all",
         )  # fmt: skip
     folder, inputs = (
         settings.parent if settings is not None else Path(),
         [p for p in (settings, seeds) if p is not None],
     )
-    start_ns, hertz = _time_ns("--start-time", start_time), rate_of(rate)
+    start_ns, hertz = time_ns("--start-time", start_time), rate_of(rate)
     with Interrupt() as interrupted, bar() as shown:
         found = None
         if auto:
@@ -203,6 +205,7 @@ def track(
     if report.stopped:
         raise stopped(f"{report.frames} frames", report.part)
     print(f"{report.frames} frames -> {output}")
+    beside(output, not no_layout, overwrite)
     if not report.complete:
         raise typer.Exit(3)
 
@@ -280,7 +283,8 @@ def _page(
     return Attending(Page(opened, login()), say, interrupted, show="CI" not in os.environ)
 
 
-def _time_ns(flag: str, text: str | None) -> int | None:
+def time_ns(flag: str, text: str | None) -> int | None:
+    """Nanoseconds of a flag's time. Raises UsageError for what is none."""
     if text is None:
         return None
     try:

@@ -5,6 +5,8 @@ from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 
 NS_PER_S = 1_000_000_000
+LARGEST_RELATIVE_NS = 10**17
+"""What is told as a time counts from some start below this, about three years, and from 1970 above it."""
 
 
 def ticks_to_ns(ticks: int, time_base: Fraction) -> int:

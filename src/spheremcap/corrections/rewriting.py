@@ -11,8 +11,9 @@ from spheremcap.corrections.footage import Footage
 from spheremcap.corrections.run import Run
 from spheremcap.corrections.told import Request, answered, key_of, said, told_of
 from spheremcap.io import _pb, messages, overlays
+from spheremcap.io.annotations import Annotations
 from spheremcap.io.join import OutMessage
-from spheremcap.io.mcap_log import TRAIL_NS, Scene, debug_messages, font_px, marker_messages, schema_id
+from spheremcap.io.mcap_log import TRAIL_NS, Scene, debug_messages, marker_messages, schema_id
 from spheremcap.io.mcap_records import McapRecords, Piece, RawMessage
 from spheremcap.io.messages import Message
 from spheremcap.io.recording import request_of
@@ -53,7 +54,8 @@ class Rewriting:
         self._topics, self._states = run.topics, run.states
         self._base = {c.topic: c for c in reversed(records.channels.values()) if not is_answered(c.metadata)}
         self._roles = self._roles_in(records)
-        self._font_px = font_px(run.camera if self._topics.calibration in self._base else None)
+        numbers = {spec.name: number for number, spec in enumerate(run.specs)}
+        self._annotations = Annotations(numbers, (run.camera.width_px, run.camera.height_px))
         self._spans, self._scene_spans = self._changed()
         self._scene, self._scene_number = Scene(run.specs, self._topics.optical_frame), -1
         self._told = self._answered(records, answers)
@@ -134,7 +136,7 @@ class Rewriting:
             return
         after, base = self.estimates(number), self._states.at(index)
         yield self._replaced(raw)
-        drawn = messages.annotations(stamp, after.values(), self._font_px)
+        drawn = self._annotations.of(stamp, after.values())
         yield self._new(topics.annotations, log_time, stamp, drawn)
         results = {name: stands[index] for name, stands in standing.items() if isinstance(stands, Stretch)}
         for name in (name for name in standing if name in after):
@@ -186,7 +188,7 @@ class Rewriting:
         if frame is not None and number is not None:
             step = overlays.overview_step(frame.width_px)
             drawn = overlays.overview_picture(frame.reduced(step), step, self.estimates(number).values())
-            message = messages.image(raw.publish_time, drawn, self._topics.optical_frame)
+            message = messages.image(raw.publish_time, drawn, self._topics.debug_frame)
             yield self._new(raw.channel.topic, raw.log_time, raw.publish_time, message)
 
     def _new(self, topic: str, log_time: int, stamp_ns: int, message: Message) -> OutMessage:

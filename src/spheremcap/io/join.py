@@ -5,6 +5,7 @@ official tool does it. Metadata records of one name and the same content become 
 content the later one gets a number (`name#2`). Every input is read a few chunks at a time.
 """
 
+import hashlib
 import heapq
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from spheremcap.errors import UsageError
+from spheremcap.io.frames import FrameNames
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.output import Compression, SharedWriter, open_output
 
@@ -59,8 +61,9 @@ class Stream(Protocol):
 class McapStream:
     """An MCAP input, or some topics of it, on the common time line; publish times stay what they were.
 
-    `prefix` goes before every topic (two recordings of the same tool would otherwise share topics). `extras`
-    says whether metadata and attachments come along. `facts` are a name and what is said of the input's times.
+    `prefix` goes before every topic, and before the coordinate frames in protobuf messages: two recordings of the same
+    tool would otherwise share them. `extras` says whether metadata and attachments come along. `facts` are a name and
+    what is said of the input's times.
     """
 
     def __init__(
@@ -81,6 +84,7 @@ class McapStream:
         self.extras = extras
         self._writer: SharedWriter | None = None
         self._ids: dict[int, int] = {}
+        self._frames: dict[int, FrameNames] = {}
 
     @property
     def count(self) -> int:
@@ -105,17 +109,19 @@ class McapStream:
         name, facts = self.facts or (self.records.path.stem, {})
         if facts or self.clock is not None:
             lines = {} if self.clock is None else self.clock.lines()
-            writer.add_metadata(CLOCK_METADATA + name, {"input": self.records.path.name} | lines | dict(facts))
+            add_clock(writer, name, {"input": self.records.path.name} | lines | dict(facts))
 
     def messages(self) -> Iterator[OutMessage]:
         """The input's messages by log time; stamps before 1970 are an error, for MCAP cannot hold them."""
-        clock = self.clock
+        clock, before = self.clock, frame_prefix(self.prefix)
         for channel, sequence, log_time, publish_time, data in self.records.messages(self.wanted):
             out = self._ids.get(channel.id)
             if out is None:
                 out = self._register(channel.id)
             if clock is not None:
                 log_time = in_range(clock(log_time), self.records.path.name)
+            if before:
+                data = self._frames[channel.id].prefixed(data, before)
             yield OutMessage(log_time, publish_time, sequence, out, data)
 
     def _register(self, channel_id: int) -> int:
@@ -124,10 +130,23 @@ class McapStream:
             return -1
         schema = self.records.schemas.get(channel.schema_id)
         schema_id = 0 if schema is None else self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        self._frames[channel_id] = FrameNames(channel, schema)
         self._ids[channel_id] = self._writer.register_channel(
             self.prefix + channel.topic, channel.message_encoding, schema_id, channel.metadata
         )
         return self._ids[channel_id]
+
+
+def frame_prefix(prefix: str) -> str:
+    """What goes before an input's coordinate frames where `prefix` goes before its topics."""
+    return f"{prefix.strip('/')}/" if prefix.strip("/") else ""
+
+
+def add_clock(writer: SharedWriter, name: str, facts: Mapping[str, str]) -> None:
+    """Write how an input's stamps were mapped; the record's name is of this input and mapping alone, for the official
+    tool merges no files that share one."""
+    told = "\0".join(text for pair in sorted(facts.items()) for text in pair)
+    writer.add_metadata(f"{CLOCK_METADATA}{name}/{hashlib.sha256(told.encode()).hexdigest()[:12]}", dict(facts))
 
 
 class Join:

@@ -1,77 +1,141 @@
-"""A layout for Foxglove and Lichtblick that shows a recording of ours, to import in their layout menu."""
+"""A layout for Foxglove and Lichtblick that shows a recording of ours, to import in their layout menu.
+
+It is made from what the recording has (`contents`). Keys are those of both viewers' published panel settings. Image
+sync is off, for with it video that is coded between pictures stays black in Lichtblick.
+"""
 
 import json
+import os
 from collections.abc import Sequence
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any
 
-from spheremcap.io.messages import MARKER_RGB
-from spheremcap.io.topics import WORLD_FRAME, Topics
+import numpy as np
+
+from spheremcap.errors import UsageError
+from spheremcap.io import _pb
+from spheremcap.io.contents import CameraContents, Contents, SensorContents, contents
+from spheremcap.io.messages import Rgb, marker_rgb
+from spheremcap.io.output import whole_file
 
 Panel = dict[str, Any]
-PLAYBACK_SPEED = 0.25
-"""Slow enough to follow 240 pictures a second."""
+Node = str | Panel
+"""A panel's id, or two nodes side by side or one above the other."""
+
+LABEL_M, AXES_M = 0.035, 0.15
+AXES_RGB: dict[str, Rgb] = {"x": (0.88, 0.30, 0.30), "y": (0.35, 0.75, 0.35), "z": (0.30, 0.55, 1.0)}
+"""The colours that axes have in both viewers' 3D panels."""
+_GREY: Rgb = (0.55, 0.55, 0.55)
+_STATUS_ROW, _STATUS_HEAD = 7, 6
+"""Height of a marker's row in the state panel, and of what is around the rows, in hundredths of the window."""
 
 
-def layout(
-    markers: Sequence[str], topics: Topics | None = None, pictures: Literal["video", "image"] = "video"
-) -> dict[str, Any]:
-    """The layout for `markers` as the viewers' JSON: annotated picture, 3D, positions, votes, status, log.
+def layout_path(recording: str | os.PathLike[str]) -> Path:
+    """Where a recording's layout is written beside it: session.layout.json for session.mcap."""
+    return Path(recording).with_suffix(".layout.json")
 
-    `pictures` says whether the recording has H.264 or H.265 ("video") or JPEG ("image"). Synchronised
-    annotations are off: with them on, video that is coded between pictures stays black in Lichtblick.
+
+def write_layout(
+    recording: str | os.PathLike[str], out: str | os.PathLike[str], *, overwrite: bool = False
+) -> tuple[str, ...]:
+    """Write the layout for a recording; notes for the user come back. Raises SourceError, UsageError, OutputError."""
+    found = contents(recording)
+    with whole_file(out, [Path(recording)], overwrite=overwrite) as part:
+        part.path.write_text(json.dumps(layout(found), indent=2) + "\n", encoding="utf-8")
+    return part.notes
+
+
+def layout(found: Contents) -> Panel:
+    """The layout as the viewers' JSON: pictures with what was found on them, space, positions, votes, status, lists.
+
+    Raises UsageError where there is nothing to show.
     """
-    t = topics or Topics()
-    panels: dict[str, Panel] = {
-        "Image!picture": _image("Picture", t.video if pictures == "video" else t.image, t),
-        "3D!scene": _scene(t, markers),
-        "Plot!position": _plot("Position, camera frame [m]", [
-            _line(f"{t.pose(m)}.pose.position.{axis}", f"{m} {axis}", i)
-            for i, m in enumerate(markers) for axis in "xyz"
-        ]),
-        "Plot!votes": _plot("Sum of votes, 0 to 6 (accepted above 4, rejected below 3)", [
-            _line(f"{t.votes(m)}.sum", m, i) for i, m in enumerate(markers)
-        ]),
-        "StateTransitions!status": _titled("Status", {
-            "isSynced": True,
-            "paths": [
-                {"value": f"{t.state(m)}.status", "label": m, "timestampMethod": "receiveTime"}
-                for m in markers
-            ],
-        }),
-        "RosOut!log": _titled("Log", {"searchTerms": [], "minLogLevel": 1, "topicToRender": t.log}),
-        "RawMessages!requests": _titled("Where a person is asked", {
-            "topicPath": t.requests, "diffEnabled": False, "diffMethod": "custom", "diffTopicPath": "",
-            "showFullMessageForDiff": False,
-        }),
-    }  # fmt: skip
-    debug = []
-    states = []
-    for name in markers:
-        panels[f"Image!debug_{name}"] = _image(f"{name}: what the stages saw", t.debug(name), None)
-        panels[f"Table!state_{name}"] = _titled(f"{name}: state", {"topicPath": t.state(name)})
-        debug.append({"title": name, "layout": f"Image!debug_{name}"})
-        states.append({"title": name, "layout": f"Table!state_{name}"})
-    panels["Tab!debug"] = _titled("Stages", {"activeTabIdx": 0, "tabs": debug})
-    log = {"title": "Log", "layout": "RosOut!log"}
-    requests = {"title": "Requests", "layout": "RawMessages!requests"}
-    panels["Tab!lists"] = _titled("Lists", {"activeTabIdx": 0, "tabs": [log, requests, *states]})
-    left = _split("column", "Image!picture", _split("row", "Tab!debug", "Tab!lists", 55), 58)
-    plots = _split("column", "Plot!votes", "StateTransitions!status", 60)
-    right = _split("column", "3D!scene", _split("column", "Plot!position", plots, 45), 38)
+    panels: dict[str, Panel] = {}
+
+    def add(kind: str, name: str, panel: Panel) -> Node:
+        panels[f"{kind}!{name}"] = panel
+        return f"{kind}!{name}"
+
+    def tabs(name: str, title: str, shown: Sequence[tuple[str, Node]]) -> list[Node]:
+        """A panel of tabs; the only one's content, where there is but one."""
+        if len(shown) < 2:
+            return [node for _, node in shown]
+        listed = [{"title": label, "layout": node} for label, node in shown]
+        return [add("Tab", name, _titled(title, {"activeTabIdx": 0, "tabs": listed}))]
+
+    pictures: list[Node] = []
+    spaces: list[tuple[str, Node]] = []
+    positions: list[tuple[str, Node]] = []
+    votes: list[tuple[str, Node]] = []
+    stages: list[Node] = []
+    states: list[tuple[str, Node]] = []
+    logs: list[tuple[str, Node]] = []
+    asked: list[tuple[str, Node]] = []
+    transitions: list[Panel] = []
+    for camera in found.cameras:
+        t, name = camera.topics, camera.name
+        place = f"{name}/" if name else ""
+        if camera.picture:
+            pictures.append(add("Image", f"{place}picture", _picture(name or "Picture", camera)))
+        if len(camera.xyz_cam_m):
+            spaces.append((name, add("3D", f"{place}space", _space(name or "Space", camera))))
+        for number, marker in enumerate(camera.markers):
+            positions.append((place + marker, add("Plot", f"{place}position_{marker}", _position(camera, marker))))
+            if t.debug(marker) in found.topics:
+                stages.append(add("Image", f"{place}stages_{marker}", _image(place + marker, t.debug(marker))))
+            path = {"topicPath": t.state(marker)}
+            states.append((place + marker, add("Table", f"{place}state_{marker}", _titled(place + marker, path))))
+            label = {"value": f"{t.state(marker)}.status", "label": place + marker, "timestampMethod": "receiveTime"}
+            transitions.append(label | {"color": _hex(marker_rgb(number))})
+        if any(t.votes(marker) in found.topics for marker in camera.markers):
+            votes.append((name, add("Plot", f"{place}votes", _votes(camera))))
+        if t.log in found.topics:
+            logs.append((f"Log {name}".strip(), add("RosOut", f"{place}log", _log(t.log))))
+        if t.requests in found.topics:
+            asked.append((f"Requests {name}".strip(), add("RawMessages", f"{place}requests", _requests(t.requests))))
+    sensors: list[tuple[str, Node]] = []
+    for sensor in found.sensors:
+        title = sensor.topic.removeprefix("/").removeprefix("sensors/")
+        sensors.append((title, add("Plot", f"sensor_{title}", _sensor(title, sensor))))
+    for sensor in found.residuals:
+        title = sensor.topic.removeprefix("/")
+        sensors.append((title, add("Plot", title.replace("/", "_"), _sensor(title, sensor))))
+
+    lists = [("Stages", _grid(stages))] if stages else []
+    lists += [*logs, *asked, *([("States", _grid([node for _, node in states]))] if states else [])]
+    status = add("StateTransitions", "status", _titled("Status", {"isSynced": True, "paths": transitions}))
+    left = [
+        *([_grid(pictures)] if pictures else []),
+        *tabs("lists", "Log, requests, stages, states", lists),
+    ]
+    right = [
+        *tabs("spaces", "Space", spaces), *tabs("positions", "Positions", positions), *tabs("votes", "Votes", votes),
+        *tabs("sensors", "Sensors", sensors),
+    ]  # fmt: skip
+    share = min(_STATUS_HEAD + _STATUS_ROW * len(transitions), 50)
+    if transitions:
+        right = [_split("column", _stack(right), status, 100 - share)] if right else [status]
+    if not left and not right:
+        raise UsageError("there is nothing in it that a layout could show: neither markers of ours nor sensors")
+    columns = [
+        *([_stack(left, 60)] if left else []),
+        *([_stack(right)] if right else []),
+    ]
     return {
         "configById": panels,
         "globalVariables": {},
         "userNodes": {},
-        "playbackConfig": {"speed": PLAYBACK_SPEED},
-        "layout": _split("row", left, right, 58),
+        "playbackConfig": {"speed": _speed(found.rate_hz)},
+        "layout": _split("row", columns[0], columns[1], 57) if len(columns) == 2 else columns[0],
     }
 
 
-def layout_json(
-    markers: Sequence[str], topics: Topics | None = None, pictures: Literal["video", "image"] = "video"
-) -> str:
-    """`layout` as the text of a file that the viewers import."""
-    return json.dumps(layout(markers, topics, pictures), indent=2) + "\n"
+def _speed(rate_hz: float) -> float:
+    """Slow enough to follow each picture, of those speeds that viewers offer."""
+    return 0.25 if rate_hz > 150 else 0.5 if rate_hz > 80 else 1.0
+
+
+# --- panels ---
 
 
 def _titled(title: str, panel: Panel) -> Panel:
@@ -79,55 +143,157 @@ def _titled(title: str, panel: Panel) -> Panel:
     return {"foxglovePanelTitle": title, "lichtblickPanelTitle": title, **panel}
 
 
-def _split(direction: str, first: Any, second: Any, percentage: int) -> Panel:
-    return {"direction": direction, "first": first, "second": second, "splitPercentage": percentage}
-
-
-def _image(title: str, topic: str, camera: Topics | None) -> Panel:
-    """An image panel; with `camera`, its annotations and calibration, and no 3D spheres over them."""
-    mode: Panel = {"imageTopic": topic, "synchronize": False}
-    shown: Panel = {}
-    if camera is not None:
-        mode["calibrationTopic"] = camera.calibration
-        mode["annotations"] = {camera.annotations: {"visible": True}}
-        shown[camera.scene] = {"visible": False}
+def _image(title: str, topic: str) -> Panel:
     return _titled(title, {
-        "synchronize": False, "imageMode": mode, "topics": shown, "layers": {}, "scene": {}, "transforms": {},
+        "synchronize": False, "imageMode": {"imageTopic": topic, "synchronize": False}, "topics": {}, "layers": {},
+        "scene": {}, "transforms": {},
     })  # fmt: skip
 
 
-def _scene(topics: Topics, markers: Sequence[str]) -> Panel:
-    shown: Panel = {topics.scene: {"visible": True}, topics.calibration: {"visible": True, "distance": 0.3}}
-    for name in markers:
-        shown[topics.smoothed(name)] = {"visible": False}
-    return _titled("Camera frame", {
-        "followTf": WORLD_FRAME,
+def _picture(title: str, camera: CameraContents) -> Panel:
+    """The picture with its annotations; without calibration where there is none, and without spheres over markers."""
+    panel = _image(title, camera.picture)
+    panel["imageMode"]["annotations"] = {camera.topics.annotations: {"visible": True}}
+    if camera.calibration:
+        panel["imageMode"]["calibrationTopic"] = camera.calibration
+    panel["topics"] = {camera.topics.scene: {"visible": False}}
+    return panel
+
+
+def _space(title: str, camera: CameraContents) -> Panel:
+    """All markers with their paths, seen from beside the camera, as near as shows what they did."""
+    t, xyz = camera.topics, camera.xyz_cam_m
+    middle = np.median(xyz, axis=0)
+    low, high = np.percentile(xyz, (2, 98), axis=0)
+    away_m = float(np.linalg.norm(middle))
+    distance_m = max(0.35 * away_m, 1.4 * float(np.linalg.norm(high - low)), 0.3)
+    own_world = camera.world == t.optical_frame or camera.world.endswith(t.optical_frame)
+    x, y, z = middle.tolist()
+    aim = [x, y, z] if own_world else [z, -x, -y]
+    shown: Panel = {t.scene: {"visible": True}}
+    for marker in camera.markers:
+        shown[t.pose(marker)] = shown[t.smoothed(marker)] = {"visible": False}
+    if camera.calibration:
+        shown[camera.calibration] = {"visible": True, "distance": 0.3, "width": 0.005}
+    size_m = max(1, round(2 * away_m))
+    return _titled(title, {
+        "followTf": camera.world,
         "followMode": "follow-none",
         "cameraState": {
-            "perspective": True, "distance": 3.0, "phi": 60, "thetaOffset": 60, "target": [0, 0, 0],
-            "targetOffset": [1.5, 0, 0], "targetOrientation": [0, 0, 0, 1], "fovy": 45, "near": 0.01,
-            "far": 100,
+            "perspective": True, "distance": round(distance_m, 3), "phi": 65, "thetaOffset": 55, "target": [0, 0, 0],
+            "targetOffset": [round(v, 3) for v in aim], "targetOrientation": [0, 0, 0, 1], "fovy": 45,
+            "near": 0.01, "far": 200,
         },
         "topics": shown,
         "layers": {"grid": {
-            "layerId": "foxglove.Grid", "instanceId": "grid", "visible": True, "size": 4, "divisions": 8,
-            "frameId": WORLD_FRAME, "position": [1.5, 0, 0], "rotation": [0, 0, 0],
+            "layerId": "foxglove.Grid", "instanceId": "grid", "visible": True, "size": size_m, "divisions": 2 * size_m,
+            "frameId": camera.world, "position": [size_m / 2, 0, 0], "rotation": [0, 0, 0], "color": "#24486e99",
         }},
-        "scene": {"transforms": {"axisScale": 0.2, "showLabel": True}}, "transforms": {}, "imageMode": {},
+        "scene": {"transforms": {"axisScale": AXES_M, "showLabel": True, "labelSize": LABEL_M}},
+        "transforms": {f"frame:{t.debug_frame}": {"visible": False}},
+        "imageMode": {},
     })  # fmt: skip
+
+
+def _position(camera: CameraContents, marker: str) -> Panel:
+    """Metres: measured, and smoothed pale below it. Else pixels: verified, and all circles pale below them.
+
+    Viewers draw the first of the lines over the others.
+    """
+    t = camera.topics
+    if len(camera.xyz_cam_m):
+        before, over = f"{t.smoothed(marker)}.pose.position.", f"{t.pose(marker)}.pose.position."
+        names, title, ends = ("measured", "smoothed"), "in the camera's frame [m]", "xyz"
+        paths = [f"{over}{axis}" for axis in ends], [f"{before}{axis}" for axis in ends]
+    else:
+        verified = _pb.MarkerState.Status.Value("VERIFIED")
+        before, over = f"{t.state(marker)}.circle.", f"{t.state(marker)}{{status=={verified}}}.circle."
+        names, title, ends = ("verified", "all"), "on the picture [px]", "xyr"
+        paths = [f"{over}{axis}_px" for axis in ends], [f"{before}{axis}_px" for axis in ends]
+    colors = list(AXES_RGB.values())
+    lines = [
+        _line(path, f"{axis} {name}", rgb if name == names[0] else _pale(rgb), size=1.5 if name == names[0] else 1.0)
+        for name, those in zip(names, paths, strict=True)
+        for path, axis, rgb in zip(those, ends, colors, strict=True)
+    ]
+    return _plot(f"{marker} {title}", lines)
+
+
+def _votes(camera: CameraContents) -> Panel:
+    lines = [
+        _line(f"{camera.topics.votes(marker)}.sum", marker, marker_rgb(number))
+        for number, marker in enumerate(camera.markers)
+    ]
+    limits = [
+        _line(value, label, _GREY) | {"showLine": True} for value, label in (("4", "accepted"), ("3", "rejected"))
+    ]
+    return _plot("Votes: accepted above 4 of 6, rejected below 3", [*lines, *limits]) | {
+        "minYValue": 0, "maxYValue": 6.2
+    }  # fmt: skip
+
+
+def _sensor(title: str, sensor: SensorContents) -> Panel:
+    """All numbers of a sensor, of which those of its first quantity are ticked: units are not mixed in one plot."""
+    quantity = sensor.numbers[0].rpartition(".")[0] if sensor.numbers else ""
+    lines = []
+    for number, path in enumerate(sensor.numbers):
+        rgb = AXES_RGB.get(path.rpartition(".")[2]) or marker_rgb(number)
+        ticked = path.rpartition(".")[0] == quantity if quantity else number == 0
+        label = " ".join(reversed(path.rpartition(".")[::2])).strip()  # the axis first: legends are narrow
+        lines.append(_line(f"{sensor.topic}.{path}", label, rgb) | {"enabled": ticked, "showLine": True})
+    return _plot(title, lines)
 
 
 def _plot(title: str, paths: list[Panel]) -> Panel:
     return _titled(title, {
-        "paths": paths, "xAxisVal": "timestamp", "isSynced": True, "showLegend": True,
-        "legendDisplay": "floating", "showXAxisLabels": True, "showYAxisLabels": True,
-        "showPlotValuesInLegend": True,
+        "paths": paths, "xAxisVal": "timestamp", "isSynced": True, "showLegend": True, "legendDisplay": "left",
+        "showXAxisLabels": True, "showYAxisLabels": True, "showPlotValuesInLegend": False, "sidebarDimension": 170,
     })  # fmt: skip
 
 
-def _line(path: str, label: str, index: int) -> Panel:
-    r, g, b = (round(255 * c) for c in MARKER_RGB[index % len(MARKER_RGB)])
+def _line(path: str, label: str, rgb: Rgb, size: float = 1.0) -> Panel:
+    """Points without lines, so that none goes across frames on which nothing was measured."""
     return {
-        "value": path, "label": label, "enabled": True, "timestampMethod": "receiveTime", "showLine": True,
-        "lineSize": 1.0, "color": f"#{r:02x}{g:02x}{b:02x}",
+        "value": path, "label": label, "enabled": True, "timestampMethod": "receiveTime", "showLine": False,
+        "lineSize": size, "color": _hex(rgb),
     }  # fmt: skip
+
+
+def _log(topic: str) -> Panel:
+    return _titled("Log", {"searchTerms": [], "minLogLevel": 1, "topicToRender": topic})
+
+
+def _requests(topic: str) -> Panel:
+    return _titled("Where a person is asked", {
+        "topicPath": topic, "diffEnabled": False, "diffMethod": "custom", "diffTopicPath": "",
+        "showFullMessageForDiff": False,
+    })  # fmt: skip
+
+
+def _hex(rgb: Rgb) -> str:
+    return "#" + "".join(f"{round(255 * c):02x}" for c in rgb)
+
+
+def _pale(rgb: Rgb) -> Rgb:
+    r, g, b = (0.45 * c + 0.3 for c in rgb)
+    return r, g, b
+
+
+# --- places ---
+
+
+def _split(direction: str, first: Node, second: Node, percentage: float) -> Panel:
+    return {"direction": direction, "first": first, "second": second, "splitPercentage": percentage}
+
+
+def _stack(nodes: Sequence[Node], first: float | None = None) -> Node:
+    """One above the other, all as high; or the first with that percentage."""
+    if len(nodes) == 1:
+        return nodes[0]
+    return _split("column", nodes[0], _stack(nodes[1:]), round(100 / len(nodes)) if first is None else first)
+
+
+def _grid(nodes: Sequence[Node]) -> Node:
+    """Two in a row, and the rows one above the other."""
+    rows = [nodes[k : k + 2] for k in range(0, len(nodes), 2)]
+    return _stack([row[0] if len(row) == 1 else _split("row", row[0], row[1], 50) for row in rows])

@@ -94,6 +94,12 @@ def image_topics(source: McapRecords | str | os.PathLike[str]) -> list[ImageTopi
     return [found[topic] for topic in sorted(found)]
 
 
+def calibration_topics(records: McapRecords) -> list[str]:
+    """The topics of camera calibrations of a recording, by name."""
+    found = ((channel, records.schemas.get(channel.schema_id)) for channel in records.channels.values())
+    return sorted({c.topic for c, schema in found if schema is not None and _kind(schema, c) in _CALIBRATIONS})
+
+
 def _kind(schema: Schema, channel: Channel) -> str | None:
     """The message's name without its package, when its package and encoding are read here."""
     parts = schema.name.replace("::", "/").replace(".", "/").split("/")

@@ -24,16 +24,17 @@ from spheremcap.core.frame import BgrImage, EncodedPicture
 from spheremcap.core.marker import MarkerSpec
 from spheremcap.errors import OutputError, UsageError
 from spheremcap.io import messages, overlays
+from spheremcap.io.annotations import Annotations
 from spheremcap.io.calibration import channel_metadata
-from spheremcap.io.messages import Fields, LogLevel, Message
+from spheremcap.io.messages import LEVELS, Fields, LogLevel, Message
 from spheremcap.io.output import VERSION, Compression, SharedWriter, open_output
-from spheremcap.io.topics import WORLD_FRAME, Topics
+from spheremcap.io.topics import Topics
 
 RUN_METADATA = "spheremcap/run/"
 OUTCOME_METADATA = "spheremcap/outcome/"
 
-CALIBRATION_PERIOD_NS = 2_000_000_000
-"""Calibration and transforms are repeated this often, so that a piece cut out of the file still has them."""
+STATIC_PERIOD_NS = 2_000_000_000
+"""Calibration and frames are repeated this often, so that a piece cut out of the file still has them."""
 SCENE_PERIOD_NS = 15_000_000
 """At most one scene a period: viewers draw 60 a second, and trails at 240 would outweigh the video."""
 TRAIL_NS = 1_000_000_000
@@ -123,6 +124,7 @@ class McapLog:
 
     `target` is a path, owned as `open_output` does it until `close`; or a writer that the caller has open and finishes
     himself, to which only schemas, channels, messages and (when `run` is given) metadata and attachments are added.
+    `picture_px` is (width, height) of the pictures where there is no `camera` to say it.
     Use it as a context manager: an exception leaves a readable OUT.part and nothing under the final name.
 
     Raises what `open_output` raises.
@@ -134,6 +136,7 @@ class McapLog:
         *,
         camera: Camera | None,
         markers: Sequence[MarkerSpec],
+        picture_px: tuple[int, int] | None = None,
         run: RunInfo | None = None,
         topics: Topics | None = None,
         overwrite: bool = False,
@@ -154,12 +157,13 @@ class McapLog:
         self._channels: dict[str, int] = {}
         self._sequences: dict[str, int] = {}
         self._last_ns: int | None = None
-        self._next_calibration_ns: int | None = None
+        self._next_static_ns: int | None = None
         self._scene = Scene(markers, self.topics.optical_frame)
-        self._pending_log: list[tuple[int, int, LogLevel, str]] = []
+        self._pending_log: list[tuple[int, int, int, LogLevel, str]] = []
         self._log_count = 0
         self._closed = False
-        self._font_px = font_px(camera)
+        size_px = picture_px if camera is None else (camera.width_px, camera.height_px)
+        self._annotations = Annotations({name: number for name, (number, _) in self.markers.items()}, size_px)
 
     def write(
         self,
@@ -177,13 +181,13 @@ class McapLog:
         stamp, topics, optical = result.stamp_ns, self.topics, self.topics.optical_frame
         self._write_log_until(stamp)
         self._begin(stamp)
-        self._write_calibration(stamp)
+        self._write_static(stamp)
         if picture is not None:
             if picture.format in ("h264", "h265"):
                 self._add(topics.video, stamp, messages.video(stamp, picture, optical))
             else:
                 self._add(topics.image, stamp, messages.image(stamp, picture, optical))
-        self._add(topics.annotations, stamp, messages.annotations(stamp, result.estimates, self._font_px))
+        self._add(topics.annotations, stamp, self._annotations.of(stamp, result.estimates))
         smoothed = {pose.marker: pose for pose in result.smoothed}
         for estimate in result.estimates:
             for topic, message in marker_messages(estimate, smoothed.get(estimate.marker), topics):
@@ -197,12 +201,15 @@ class McapLog:
             self._add(topic, stamp, message)
         if overview is not None:
             drawn = overlays.overview_picture(overview, overview_step, result.estimates)
-            self._add(topics.overview, stamp, messages.image(stamp, drawn, optical))
+            self._add(topics.overview, stamp, messages.image(stamp, drawn, topics.debug_frame))
 
     def log(self, level: LogLevel, text: str, stamp_ns: int) -> None:
-        """Add a line for the user; it waits until the frames have come as far as `stamp_ns`."""
+        """Add a line for the user; it waits until the frames have come as far as `stamp_ns`.
+
+        Of several at one stamp the gravest is written last, for that is the one that viewers show after a seek.
+        """
         self._log_count += 1
-        heapq.heappush(self._pending_log, (stamp_ns, self._log_count, level, text))
+        heapq.heappush(self._pending_log, (stamp_ns, LEVELS.index(level), self._log_count, level, text))
 
     def close(self, outcome: Mapping[str, str] | None = None, *, complete: bool = True) -> None:
         """Finish the recording; `outcome` is kept as metadata (frames read, frames that did not decode, ...).
@@ -261,21 +268,21 @@ class McapLog:
 
     def _write_log_until(self, stamp_ns: int | None) -> None:
         while self._pending_log and (stamp_ns is None or self._pending_log[0][0] <= stamp_ns):
-            stamp, _, level, text = heapq.heappop(self._pending_log)
+            stamp, _, _, level, text = heapq.heappop(self._pending_log)
             stamp = max(stamp, self._last_ns or 0)
             self._begin(stamp)
             self._add(self.topics.log, stamp, messages.log(stamp, level, text))
 
-    def _write_calibration(self, stamp_ns: int) -> None:
-        if self.camera is None or (self._next_calibration_ns is not None and stamp_ns < self._next_calibration_ns):
+    def _write_static(self, stamp_ns: int) -> None:
+        """Calibration and frames, when it is time for them."""
+        if self._next_static_ns is not None and stamp_ns < self._next_static_ns:
             return
-        self._next_calibration_ns = stamp_ns + CALIBRATION_PERIOD_NS
+        self._next_static_ns = stamp_ns + STATIC_PERIOD_NS
         topics = self.topics
-        message = messages.calibration(stamp_ns, self.camera, topics.optical_frame)
-        self._add(topics.calibration, stamp_ns, message, channel_metadata(self.camera))
-        if topics.transforms:
-            frames = messages.transforms(stamp_ns, WORLD_FRAME, topics.camera_frame, topics.optical_frame)
-            self._add(topics.transforms, stamp_ns, frames)
+        if self.camera is not None:
+            message = messages.calibration(stamp_ns, self.camera, topics.optical_frame)
+            self._add(topics.calibration, stamp_ns, message, channel_metadata(self.camera))
+        self._add(topics.transforms, stamp_ns, messages.transforms(stamp_ns, topics.edges()))
 
     def _add(self, topic: str, stamp_ns: int, message: Message, metadata: dict[str, str] | None = None) -> None:
         channel = self._channels.get(topic)
@@ -287,11 +294,6 @@ class McapLog:
         self._sequences[topic] = sequence = self._sequences.get(topic, 0) + 1
         self._last_ns = log_time = max(stamp_ns, self._last_ns or 0)
         self._sink.add_message(channel, log_time, message.SerializeToString(), stamp_ns, sequence)
-
-
-def font_px(camera: Camera | None) -> float:
-    """How large annotations are written, so that they can be read on the whole picture."""
-    return 14.0 if camera is None else max(10.0, camera.width_px / 70)
 
 
 def marker_messages(
@@ -313,7 +315,7 @@ def debug_messages(result: FrameResult, topics: Topics) -> Iterator[tuple[str, M
     by_marker = {estimate.marker: estimate for estimate in result.estimates}
     for view in result.views:
         drawn = overlays.stage_picture(view, by_marker.get(view.marker))
-        yield topics.debug(view.marker), messages.image(result.stamp_ns, drawn, topics.optical_frame)
+        yield topics.debug(view.marker), messages.image(result.stamp_ns, drawn, topics.debug_frame)
 
 
 class Scene:

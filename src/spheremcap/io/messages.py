@@ -1,7 +1,6 @@
 """From the nouns to protobuf messages: pure functions, no state, nothing invented for what is None.
 
-Stamps are int nanoseconds. The nouns' pixel coordinates count from the centre of the top-left pixel; viewers
-draw annotations from its corner, so annotations (and only they) are shifted by half a pixel. Poses are in the
+Stamps are int nanoseconds. The nouns' pixel coordinates count from the centre of the top-left pixel. Poses are in the
 optical frame and have the unit quaternion, w being 1, for a sphere has no orientation.
 
 What goes inside a message is given as a dict of its fields: protobuf makes the inner message in place from it, where
@@ -12,7 +11,7 @@ a ready message would be copied, at twice the time. With six markers that is 120
 # The schemas' stubs do not know that a dict will do.
 
 from collections.abc import Collection, Iterable
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +19,8 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from google.protobuf.timestamp_pb2 import Timestamp
@@ -40,6 +37,8 @@ from spheremcap.io.calibration import fields_of
 FloatArray = npt.NDArray[np.float64]
 Rgb = tuple[float, float, float]
 LogLevel = Literal["DEBUG", "INFO", "WARNING", "ERROR", "FATAL"]
+LEVELS: tuple[LogLevel, ...] = get_args(LogLevel)
+"""By gravity."""
 Message = Any
 """A protobuf message; its classes are made at run time and have no static type."""
 Fields = dict[str, Any]
@@ -51,12 +50,13 @@ LIFETIME_NS = 100_000_000
 """How long a viewer draws a sphere after its last message, so that a lost marker vanishes."""
 
 STATUS_RGB: dict[Status, Rgb] = {
-    Status.SEEDED: (0.25, 0.65, 1.0),
-    Status.VERIFIED: (0.2, 0.9, 0.3),
-    Status.ESTIMATED: (1.0, 0.75, 0.1),
-    Status.LOST: (1.0, 0.2, 0.2),
-    Status.OUT_OF_VIEW: (0.65, 0.65, 0.65),
+    Status.SEEDED: (0.306, 0.596, 0.886),  # blue
+    Status.VERIFIED: (0.361, 0.839, 0.663),  # green
+    Status.ESTIMATED: (0.969, 0.875, 0.443),  # yellow
+    Status.LOST: (0.961, 0.467, 0.302),  # orange
+    Status.OUT_OF_VIEW: (0.639, 0.584, 0.886),  # purple
 }
+"""Those that the viewers' State Transitions panel gives the numbers of `MarkerState.Status`."""
 MARKER_RGB: tuple[Rgb, ...] = (
     (0.90, 0.30, 0.25),
     (0.20, 0.60, 0.95),
@@ -69,26 +69,32 @@ MARKER_RGB: tuple[Rgb, ...] = (
 )
 
 
-def _color(rgb: Rgb, alpha: float) -> Fields:
+def marker_rgb(number: int) -> Rgb:
+    """The colour of a camera's marker of this number, from 0: of its circle, its sphere and its curves."""
+    return MARKER_RGB[number % len(MARKER_RGB)]
+
+
+def color(rgb: Rgb, alpha: float) -> Fields:
+    """The fields of a foxglove.Color."""
     r, g, b = rgb
     return {"r": r, "g": g, "b": b, "a": alpha}
 
 
-_STATUS_COLOR = {status: _color(rgb, 1.0) for status, rgb in STATUS_RGB.items()}
-_FAINT_COLOR = {status: _color(rgb, 0.45) for status, rgb in STATUS_RGB.items()}
-_LABEL_BACKGROUND = _color((0.0, 0.0, 0.0), 0.45)
-_UPRIGHT: Fields = {"w": 1.0}
-_ORIGIN: Fields = {"position": {}, "orientation": _UPRIGHT}
-_OPTICAL_IN_CAMERA: Fields = {"x": -0.5, "y": 0.5, "z": -0.5, "w": 0.5}
+UPRIGHT: Fields = {"w": 1.0}
+"""The rotation that turns nothing."""
+_ORIGIN: Fields = {"position": {}, "orientation": UPRIGHT}
+OPTICAL_IN_CAMERA: Fields = {"x": -0.5, "y": 0.5, "z": -0.5, "w": 0.5}
+"""The optical frame (x right, y down, z forward) in the camera's own (x forward, y left, z up)."""
 _LIFETIME: Fields = {"seconds": LIFETIME_NS // NS_PER_S, "nanos": LIFETIME_NS % NS_PER_S}
 
 
 def timestamp(stamp_ns: int) -> Message:
     """google.protobuf.Timestamp of int nanoseconds, exactly."""
-    return Timestamp(**_time(stamp_ns))
+    return Timestamp(**time_fields(stamp_ns))
 
 
-def _time(stamp_ns: int) -> Fields:
+def time_fields(stamp_ns: int) -> Fields:
+    """The fields of a google.protobuf.Timestamp."""
     seconds, nanos = divmod(stamp_ns, NS_PER_S)
     return {"seconds": seconds, "nanos": nanos}
 
@@ -100,25 +106,22 @@ def stamp_of(message: Message) -> int:
 
 def video(stamp_ns: int, picture: EncodedPicture, frame_id: str) -> Message:
     """foxglove.CompressedVideo of one H.264 or H.265 access unit in Annex B."""
-    return CompressedVideo(timestamp=_time(stamp_ns), frame_id=frame_id, data=picture.data, format=picture.format)
+    return CompressedVideo(timestamp=time_fields(stamp_ns), frame_id=frame_id, data=picture.data, format=picture.format)
 
 
 def image(stamp_ns: int, picture: EncodedPicture, frame_id: str) -> Message:
     """foxglove.CompressedImage of one JPEG."""
-    return CompressedImage(timestamp=_time(stamp_ns), frame_id=frame_id, data=picture.data, format=picture.format)
+    return CompressedImage(timestamp=time_fields(stamp_ns), frame_id=frame_id, data=picture.data, format=picture.format)
 
 
 def calibration(stamp_ns: int, camera: Camera, frame_id: str) -> Message:
     """foxglove.CameraCalibration; as in ROS an integer coordinate is a pixel's centre: no shift."""
-    return CameraCalibration(timestamp=_time(stamp_ns), frame_id=frame_id, **fields_of(camera))
+    return CameraCalibration(timestamp=time_fields(stamp_ns), frame_id=frame_id, **fields_of(camera))
 
 
-def transforms(stamp_ns: int, world: str, camera: str, optical: str) -> Message:
-    """foxglove.FrameTransforms world -> camera (x forward, y left, z up) -> optical (x right, z forward).
-
-    The camera stands at the world's origin: nothing is known of where it really is.
-    """
-    stamp = _time(stamp_ns)
+def transforms(stamp_ns: int, edges: Iterable[tuple[str, str, Fields]]) -> Message:
+    """foxglove.FrameTransforms of frames with one origin: parent, child and the child's rotation (`UPRIGHT`, ...)."""
+    stamp = time_fields(stamp_ns)
     frames: list[Fields] = [
         {
             "timestamp": stamp,
@@ -127,7 +130,7 @@ def transforms(stamp_ns: int, world: str, camera: str, optical: str) -> Message:
             "translation": {},
             "rotation": rotation,
         }
-        for parent, child, rotation in ((world, camera, _UPRIGHT), (camera, optical, _OPTICAL_IN_CAMERA))
+        for parent, child, rotation in edges
     ]
     return FrameTransforms(transforms=frames)
 
@@ -149,9 +152,9 @@ def _numbers(matrix: FloatArray | None) -> list[float] | None:
 def pose(stamp_ns: int, xyz_cam_m: FloatArray, frame_id: str) -> Message:
     """foxglove.PoseInFrame of a sphere's centre (3,) in metres."""
     return PoseInFrame(
-        timestamp=_time(stamp_ns),
+        timestamp=time_fields(stamp_ns),
         frame_id=frame_id,
-        pose={"position": point(xyz_cam_m), "orientation": _UPRIGHT},
+        pose={"position": point(xyz_cam_m), "orientation": UPRIGHT},
     )
 
 
@@ -167,7 +170,7 @@ def state(estimate: MarkerEstimate, smoothed: SmoothedPose | None, frame_id: str
     """spheremcap.MarkerState: everything about one marker on one frame; None stays unset."""
     sd, window = estimate.circle_sd_px, estimate.search
     return _pb.MarkerState(
-        timestamp=_time(estimate.stamp_ns),
+        timestamp=time_fields(estimate.stamp_ns),
         marker=estimate.marker,
         frame_index=estimate.frame_index,
         status=estimate.status.value,
@@ -196,7 +199,7 @@ def votes(estimate: MarkerEstimate) -> Message:
     """spheremcap.MarkerVotes: all votes of one marker on one frame, their sum and the best of them."""
     best = max(estimate.votes, key=lambda vote: vote.overlap, default=None)
     return _pb.MarkerVotes(
-        timestamp=_time(estimate.stamp_ns),
+        timestamp=time_fields(estimate.stamp_ns),
         marker=estimate.marker,
         frame_index=estimate.frame_index,
         votes=[
@@ -214,10 +217,10 @@ def votes(estimate: MarkerEstimate) -> Message:
 def request(asked: OperatorRequest) -> Message:
     """spheremcap.OperatorRequest."""
     return _pb.OperatorRequest(
-        timestamp=_time(asked.raised_stamp_ns),
+        timestamp=time_fields(asked.raised_stamp_ns),
         marker=asked.marker,
         frame_index=asked.frame_index,
-        frame_timestamp=_time(asked.stamp_ns),
+        frame_timestamp=time_fields(asked.stamp_ns),
         raised_at_frame_index=asked.raised_at_frame_index,
         reason=asked.reason,
         reasons=asked.reasons,
@@ -227,70 +230,7 @@ def request(asked: OperatorRequest) -> Message:
 
 def log(stamp_ns: int, level: LogLevel, text: str) -> Message:
     """foxglove.Log with a line for the user."""
-    return Log(timestamp=_time(stamp_ns), level=Log.Level.Value(level), message=text, name="spheremcap")
-
-
-def annotations(stamp_ns: int, estimates: Iterable[MarkerEstimate], font_px: float) -> Message:
-    """foxglove.ImageAnnotations of a frame: circle, name and status, searched window, a claim that failed.
-
-    Colours say the status (`STATUS_RGB`). A marker without a circle keeps its label: at the searched
-    window, or in a list down the left edge when there is none. Every item bears the picture's own stamp, as
-    viewers want it.
-    """
-    stamp = _time(stamp_ns)
-    circles: list[Fields] = []
-    outlines: list[Fields] = []
-    labels: list[Fields] = []
-    unplaced = 0
-    for estimate in estimates:
-        colour, faint = _STATUS_COLOR[estimate.status], _FAINT_COLOR[estimate.status]
-        if estimate.circle is not None:
-            circles.append(_circle_annotation(stamp, estimate.circle, 2.0, colour))
-        if estimate.claim is not None and not estimate.status.measured:
-            circles.append(_circle_annotation(stamp, estimate.claim, 1.0, faint))
-        if estimate.search is not None:
-            outlines.append(_outline(stamp, estimate.search, faint))
-        place = _label_place(estimate)
-        if place is None:
-            unplaced += 1
-            place = (font_px / 2, unplaced * 1.5 * font_px)
-        text = f"{estimate.marker} {estimate.status.value}"
-        if estimate.vote_sum is not None:
-            text += f" {estimate.vote_sum:.1f}"
-        labels.append(
-            {
-                "timestamp": stamp, "position": {"x": place[0], "y": place[1]}, "text": text, "font_size": font_px,
-                "text_color": colour, "background_color": _LABEL_BACKGROUND,
-            }
-        )  # fmt: skip
-    return ImageAnnotations(timestamp=stamp, circles=circles, points=outlines, texts=labels)
-
-
-def _circle_annotation(stamp: Fields, circle: Circle, thickness: float, colour: Fields) -> Fields:
-    return {
-        "timestamp": stamp, "position": {"x": circle.x_px + 0.5, "y": circle.y_px + 0.5},
-        "diameter": 2 * circle.r_px, "thickness": thickness, "outline_color": colour,
-    }  # fmt: skip
-
-
-def _outline(stamp: Fields, window: Window, colour: Fields) -> Fields:
-    """The window's border; its corners are pixel corners, which is where viewers count from: no shift."""
-    x0, y0, x1, y1 = window.x, window.y, window.x + window.width, window.y + window.height
-    corners = [{"x": x0, "y": y0}, {"x": x1, "y": y0}, {"x": x1, "y": y1}, {"x": x0, "y": y1}]
-    return {
-        "timestamp": stamp, "type": PointsAnnotation.LINE_LOOP, "points": corners, "outline_color": colour,
-        "thickness": 1.0,
-    }  # fmt: skip
-
-
-def _label_place(estimate: MarkerEstimate) -> tuple[float, float] | None:
-    """Bottom left of the label, up and right of the circle, in viewer coordinates."""
-    circle = estimate.circle or estimate.claim
-    if circle is not None:
-        return circle.x_px + 0.5 + 0.8 * circle.r_px, circle.y_px + 0.5 - circle.r_px
-    if estimate.search is not None:
-        return float(estimate.search.x), float(estimate.search.y)
-    return None
+    return Log(timestamp=time_fields(stamp_ns), level=Log.Level.Value(level), message=text, name="spheremcap")
 
 
 def scene_entity(
@@ -307,21 +247,21 @@ def scene_entity(
     """
     if estimate.xyz_cam_m is None:
         return None
-    rgb = MARKER_RGB[color_index % len(MARKER_RGB)]
+    rgb = marker_rgb(color_index)
     size = marker.diameter_m
     sphere = {
-        "pose": {"position": point(estimate.xyz_cam_m), "orientation": _UPRIGHT},
+        "pose": {"position": point(estimate.xyz_cam_m), "orientation": UPRIGHT},
         "size": {"x": size, "y": size, "z": size},
-        "color": _color(rgb, 1.0 if estimate.status.measured else 0.35),
+        "color": color(rgb, 1.0 if estimate.status.measured else 0.35),
     }
-    color = _color(rgb, 0.7)
+    faint = color(rgb, 0.7)
     lines = [
         {"type": LinePrimitive.LINE_STRIP, "pose": _ORIGIN, "thickness": 2.0, "scale_invariant": True,
-         "points": stretch, "color": color}
+         "points": stretch, "color": faint}
         for stretch in trail
         if len(stretch) > 1
     ]  # fmt: skip
     return SceneEntity(
-        timestamp=_time(estimate.stamp_ns), frame_id=frame_id, id=marker.name, lifetime=_LIFETIME,
+        timestamp=time_fields(estimate.stamp_ns), frame_id=frame_id, id=marker.name, lifetime=_LIFETIME,
         spheres=[sphere], lines=lines,
     )  # fmt: skip

@@ -21,7 +21,7 @@ Bgr = tuple[int, int, int]
 PANEL_PX = 240
 MAP_PX = 120
 WIDTH_PX = 3 * PANEL_PX
-JPEG_QUALITY = 90
+JPEG_QUALITY = 50
 LINE_PX = 17
 _HEADER_PX = 2 * LINE_PX + 6
 _MAPS_A_ROW = WIDTH_PX // MAP_PX
@@ -138,15 +138,20 @@ class _Panel:
             cv2.circle(self._inside, (round(x), round(y)), 2, colour, -1, cv2.LINE_AA)
 
 
-def _fit(canvas: BgrImage, image: BgrImage | None, side_px: int) -> tuple[float, BgrImage]:
-    """Put `image` into the middle of grey `canvas`, scaled to fit; give the scale and the part that it fills."""
+def _fit(
+    canvas: BgrImage, image: BgrImage | None, side_px: int, enlarge: int = cv2.INTER_NEAREST
+) -> tuple[float, BgrImage]:
+    """Put `image` into the middle of grey `canvas`, scaled to fit; give the scale and the part that it fills.
+
+    Enlarged pixels stay squares where it matters which they are; as JPEG that takes twice the bytes.
+    """
     canvas[:] = 40
     if image is None or image.size == 0:
         return 1.0, canvas
     height, width = image.shape[:2]
     scale = side_px / max(height, width)
     rows, columns = max(1, round(height * scale)), max(1, round(width * scale))
-    how = cv2.INTER_NEAREST if scale > 1 else cv2.INTER_AREA
+    how = enlarge if scale > 1 else cv2.INTER_AREA
     y, x = (side_px - rows) // 2, (side_px - columns) // 2
     inside = canvas[y : y + rows, x : x + columns]
     inside[:] = cv2.resize(image, (columns, rows), interpolation=how)
@@ -209,7 +214,7 @@ def _draw_map(canvas: BgrImage, response: ResponseMap) -> None:
     low, high = float(values.min()), float(values.max())
     level = (values - low) / (high - low) if high > low else np.zeros_like(values)
     grey = np.rint(255 * (1 - level if response.best_is_low else level)).astype(np.uint8)
-    scale, inside = _fit(canvas, _VIRIDIS.take(grey, axis=0), MAP_PX)
+    scale, inside = _fit(canvas, _VIRIDIS.take(grey, axis=0), MAP_PX, cv2.INTER_LINEAR)
     x, y = (round((p + 0.5) * scale - 0.5) for p in response.peak)
     cv2.drawMarker(inside, (x, y), (0, 0, 0), cv2.MARKER_CROSS, 15, 3)
     cv2.drawMarker(inside, (x, y), (60, 60, 255), cv2.MARKER_CROSS, 13, 1)

@@ -50,6 +50,9 @@ _TIMESTAMP = "google.protobuf.Timestamp"
 _DEEPEST = 8  # levels of a sensor's message that are looked into; a message may hold itself
 
 _STATUS = {_pb.MarkerState.Status.Value(status.value): status.value for status in Status}
+_STATUS |= dict(
+    enumerate(("SEEDED", "VERIFIED", "ESTIMATED", "LOST", "OUT_OF_VIEW"), 1)
+)  # of before colours went by it
 _VERDICT = {_pb.MarkerVotes.Verdict.Value(verdict.value): verdict.value for verdict in Verdict}
 _NAN3 = (math.nan,) * 3
 _NAN9 = (math.nan,) * 9
@@ -257,7 +260,7 @@ def open(path: str | os.PathLike[str]) -> Recording:
     camera: Camera | None = None
     with McapRecords(path) as records:
         names = schema_names(records)
-        sensing = {c.id for c in records.channels.values() if _senses(c, names[c.id])}
+        sensing = {c.id for c in records.channels.values() if senses(c, names[c.id])}
         wanted = {STATE, REQUEST, CALIBRATION}
         topics = {c.topic for c in records.channels.values() if c.id in sensing or names[c.id] in wanted}
         for raw in records.messages(topics):
@@ -484,6 +487,11 @@ def _leaves(message: Message, above: tuple[str, ...] = ()) -> Iterator[tuple[str
             yield from _leaves(value, path)
 
 
+def numbers_of(message: Message) -> dict[str, float]:
+    """Every single number in a sensor's message by its path, `linear_acceleration.x`; NaN where it is not set."""
+    return {name: _leaf(message, path) for name, path in _leaves(message)}
+
+
 def _leaf(message: Message, path: tuple[str, ...]) -> float:
     for name in path[:-1]:
         if not message.HasField(name):
@@ -544,7 +552,7 @@ def track_name(topic: str, marker: str) -> str:
     return f"{found['root']}/{marker}" if found and found["root"] else marker
 
 
-def _senses(channel: Channel, schema: str) -> bool:
+def senses(channel: Channel, schema: str) -> bool:
     """Whether a channel is a sensor's: one of our sample types, or any protobuf under /sensors/."""
     under = channel.topic.startswith("/sensors/")
     return schema in SENSORS or (under and channel.message_encoding == "protobuf" and schema != "")

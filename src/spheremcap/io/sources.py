@@ -9,7 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Literal
 
-from spheremcap.core.time import NS_PER_S
+from spheremcap.core.time import LARGEST_RELATIVE_NS, NS_PER_S
 from spheremcap.errors import UsageError
 from spheremcap.io.folder import PictureFolder
 from spheremcap.io.input_file import is_recording as is_recording
@@ -21,7 +21,6 @@ from spheremcap.io.topics import LOG, MARKERS, OVERVIEW, REQUESTS, SCENE, TRANSF
 from spheremcap.io.video import VideoSource
 
 Copy = Literal["all", "images", "none"]
-LARGEST_RELATIVE_NS = 10**17
 FAR_APART_NS = 10_000_000_000
 """Header stamps this far from the log times are on another clock."""
 
@@ -82,7 +81,7 @@ class CameraView:
         return TopicsBeside(
             _free(self.name or _prefix(self.source.topic), camera, self.taken),
             root,
-            "" if frame_id else f"{_free(root, [TRANSFORMS], self.taken)}/{TRANSFORMS}",
+            f"{_free(root, [TRANSFORMS], self.taken)}/{TRANSFORMS}",
             frame_id,
         )
 

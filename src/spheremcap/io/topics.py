@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from spheremcap.io.messages import OPTICAL_IN_CAMERA, UPRIGHT, Fields
+
 LOG = "log"
 SCENE = "scene"
 TRANSFORMS = "tf"
@@ -57,7 +59,7 @@ class Topics:
 
     @property
     def transforms(self) -> str:
-        """foxglove.FrameTransforms; "" when none are written."""
+        """foxglove.FrameTransforms."""
         return f"{self.root}/{TRANSFORMS}"
 
     @property
@@ -105,6 +107,20 @@ class Topics:
         """The camera's optical frame: x right, y down, z forward; all our poses are in it."""
         return f"{self.camera_frame}_optical"
 
+    @property
+    def debug_frame(self) -> str:
+        """The frame of the debug pictures, so that viewers take none of them for what the camera sees."""
+        return f"{self.optical_frame}_debug"
+
+    def edges(self) -> tuple[tuple[str, str, Fields], ...]:
+        """Which frame stands in which, and how it is turned. The camera stands at the world's origin, for nothing is
+        known of where it really is."""
+        return (
+            (WORLD_FRAME, self.camera_frame, UPRIGHT),
+            (self.camera_frame, self.optical_frame, OPTICAL_IN_CAMERA),
+            (self.optical_frame, self.debug_frame, UPRIGHT),
+        )
+
     def facts(self) -> dict[str, str]:
         """What a recording says of its topics, so that they are found again: see `topics_of`."""
         return {
@@ -118,7 +134,7 @@ class Topics:
 @dataclass(frozen=True)
 class TopicsBeside(Topics):
     """Topics beside those of the input: /tf is often taken, and the camera's coordinate frame is the input's where
-    it has one; where that stands is then the input's to say, and we write no transforms.
+    it has one; where that stands is then the input's to say.
     """
 
     tf: str = ""
@@ -131,6 +147,10 @@ class TopicsBeside(Topics):
     @property
     def optical_frame(self) -> str:
         return self.frame_id or f"{self.camera_frame}_optical"
+
+    def edges(self) -> tuple[tuple[str, str, Fields], ...]:
+        edges = super().edges()
+        return edges[-1:] if self.frame_id else edges
 
 
 def topics_of(facts: Mapping[str, str]) -> Topics | None:

@@ -1,5 +1,6 @@
 """One dataset out of recordings and sensor files: what `spheremcap merge` and `spheremcap sync` do."""
 
+import itertools
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -10,18 +11,20 @@ from pathlib import Path
 
 from spheremcap.errors import UsageError
 from spheremcap.io import recording
-from spheremcap.io.join import McapStream, Merged, Stream, in_range, merge_streams
+from spheremcap.io.frames import frames_of
+from spheremcap.io.join import McapStream, Merged, Stream, frame_prefix, in_range, merge_streams
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.output import checked_output
 from spheremcap.io.sources import is_recording
 from spheremcap.merging.clock import Clock
+from spheremcap.merging.frames import FramesStream, loose
 from spheremcap.merging.log import SensorLog
 from spheremcap.merging.mapping import TableMapping
 from spheremcap.merging.placement import Placement, apart, base_ns, given_words
 from spheremcap.merging.samples import SensorStream
 from spheremcap.merging.sensors import read_sensors
 from spheremcap.merging.sync import Sync, SyncConfig, SyncError, residual_log, sync_marker
-from spheremcap.merging.times import Timing
+from spheremcap.merging.times import YEAR_2000_NS, Timing
 
 
 @dataclass(frozen=True)
@@ -138,7 +141,7 @@ def merge(
         for place in placements:
             for stamp_ns in place.span_ns[: 1 if place.what == "messages" else 2]:  # a damaged file may state any end
                 in_range(stamp_ns, place.input)
-        notes = [p.line() for p in placements]
+        notes = [p.line() for p in placements] + _timeless(recordings)
         for log, _ in placed:
             notes.extend(log.notes)
             if log.name in syncs:
@@ -152,6 +155,11 @@ def merge(
         for doubt in doubts:
             say(doubt)
         streams = [_stream(r) for r in recordings]
+        apart_frames = _loose_frames(recordings, placed)
+        if apart_frames:
+            notes.append(f"nothing says where {', '.join(apart_frames)} stand: at the world's origin, for viewers")
+            say(notes[-1])
+            streams.append(FramesStream(apart_frames, _own_topic(recordings), [p.span_ns for p in placements]))
         for log, place in placed:
             streams.append(SensorStream(log, place.clock, facts=place.facts()))
             if log.name in syncs:
@@ -169,6 +177,38 @@ def merge(
             say(line)
     lost = tuple(line for log, _ in placed for line in log.lost)
     return Dataset(merged, tuple(notes), tuple(placements), lost, syncs)
+
+
+def _timeless(recordings: Sequence[_Recording]) -> list[str]:
+    """A line for each recording that begins in 1970, because its video does not say when it was."""
+    return [
+        f"{own.records.path}: its video does not say when it was, so it begins at 1970: track it with --start-time, or "
+        f"give --offset {own.source.label}=TIME"
+        for own in recordings
+        if any(facts.get("time_source") == "zero" for facts in recording.runs_of(own.records).values())
+        and own.first_ns is not None
+        and own.clock(own.first_ns) < YEAR_2000_NS
+    ]
+
+
+def _loose_frames(recordings: Sequence[_Recording], placed: Sequence[tuple[SensorLog, Placement]]) -> list[str]:
+    """The coordinate frames that nothing connects with the others."""
+    used = {log.frame_id for log, _ in placed if log.kind != "record" and log.frame_id}
+    parents: dict[str, str] = {}
+    for own in recordings:
+        found = frames_of(own.records)
+        if found is None:  # they are connected in a way that is not read here
+            continue
+        before = frame_prefix(own.source.prefix)
+        used |= {before + frame for frame in found[0]}
+        parents |= {before + child: before + parent for child, parent in found[1].items()}
+    return loose(used, parents)
+
+
+def _own_topic(recordings: Sequence[_Recording]) -> str:
+    """A topic for the frames that no input has."""
+    taken = {own.source.prefix + c.topic for own in recordings for c in own.records.channels.values()}
+    return next(t for n in itertools.count(1) if (t := f"/merged{n if n > 1 else ''}/tf") not in taken)
 
 
 def _stream(own: _Recording) -> Stream:

@@ -14,7 +14,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from spheremcap.core.time import NS_PER_S
 from spheremcap.io import _pb
-from spheremcap.io.join import CLOCK_METADATA, OutMessage, in_range
+from spheremcap.io.join import OutMessage, add_clock, in_range
 from spheremcap.io.mcap_log import schema_id
 from spheremcap.io.output import SharedWriter
 from spheremcap.merging.clock import Clock
@@ -53,7 +53,7 @@ class SensorStream:
         self._channel = writer.register_channel(self.topic or f"/sensors/{self.log.name}", "protobuf", schema)
         if self.log.source:
             facts = dict(self.facts) or {"input": self.log.source} | self.clock.lines()
-            writer.add_metadata(CLOCK_METADATA + self.log.name, facts)
+            add_clock(writer, self.log.name, facts)
 
     def messages(self) -> Iterator[OutMessage]:
         """One message a sample, by time."""
