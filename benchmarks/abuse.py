@@ -16,8 +16,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "io"), str(ROOT / "tests" / "abuse")]
-TIMEOUT_S = 60.0
-"""For one mutant; all verbs together take well below a second."""
+TIMEOUT_S = 300.0
+"""For one mutant; all verbs together take below a second, but on a busy machine a process waits long for its turn."""
 
 
 def main() -> int:

@@ -4,24 +4,39 @@ Some mutants are hurt in their bytes, some inside their records under right chec
 """
 
 import contextlib
+import http.cookiejar
 import io
+import os
 import random
 import resource
+import signal
 import sys
 import tempfile
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
+import typer.main
 from mcap.reader import NonSeekingReader
-from mcap.records import Message
+from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 from spheremcap.cli import main
 
 FAULT = "a fault of spheremcap's own"
+SEED = ("--seed", "orange@0=100,90,18")
+LATER_SEED = ("--seed", "orange@8=126,101,20")
+PAGES = (
+    "session", "pulse", "lanes", "states?first=0&last=99", "answers", "proposals", "picture/0", "picture/9?exact=1",
+    "patch/3?x=60&y=60&width=80&height=80", "crop/15?x=100&y=90&half=40", "time?seconds=0.03",
+)  # fmt: skip
+"""What the page of `annotate` asks for, besides itself."""
+typer.main.get_command = cache(typer.main.get_command)  # a process has one command line, and here it has thousands
 EXTREMES = (0, 1, 0x7F, 0x80, 0xFF, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**62, 2**63 - 1, 2**63, 2**64 - 1)
 
 
@@ -115,9 +130,32 @@ class Outcome:
     seconds: float
 
 
+class Visitor(io.StringIO):
+    """The stdout of `annotate`, which looks at every page as soon as the address is there, and then ends it.
+
+    An answer of 500 or above stands in it as an `FAULT`.
+    """
+
+    def write(self, text: str) -> int:
+        written = super().write(text)
+        if text.startswith("http://"):
+            browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(http.cookiejar.CookieJar()))
+            try:
+                for page in ("", *PAGES):
+                    address = text.split("?")[0] + page if page else text.strip()
+                    try:
+                        browser.open(address, timeout=30).read()
+                    except urllib.error.HTTPError as error:
+                        if error.code >= 500:
+                            super().write(f"{FAULT}: {page}: {error.code} {error.read()!r}\n")
+            finally:
+                os.kill(os.getpid(), signal.SIGINT)
+        return written
+
+
 def run(*arguments: object) -> Outcome:
     """The command line in this process."""
-    out, err, before, began = io.StringIO(), io.StringIO(), sys.argv, time.monotonic()
+    out, err, before, began = Visitor(), io.StringIO(), sys.argv, time.monotonic()
     sys.argv = ["spheremcap", *map(str, arguments)]
     code = 0
     try:
@@ -132,18 +170,24 @@ def run(*arguments: object) -> Outcome:
 
 def verbs(path: Path, folder: Path, track: bool) -> Iterator[tuple[str, list[object]]]:
     """Each verb with its arguments for a mutant; outputs go into `folder`."""
-    seeds = ["--seed", "orange@0=100,90,18"]
     yield "info", ["info", path]
     yield "check", ["info", "--check", path]
     if path.suffix == ".mcap":
         yield "export", ["export", path, "-o", folder / "export.csv"]
         yield "sync", ["sync", path, "--marker", "orange", "--sensor", "imu"]
         yield "merge", ["merge", path, "-o", folder / "merge.mcap"]
+        yield "recover", ["recover", path, "-o", folder / "recover.mcap"]
+        yield "retrack", ["retrack", path, "-o", folder / "retrack.mcap", *LATER_SEED]
+        truth = folder / "truth.csv"
+        truth.write_text("frame,x,y,r\n0,100,90,18\n9,122,99,18\n")
+        yield "evaluate", ["evaluate", path, "--truth", truth]
         if track:
             topic = ["--topic", "/front/image" if path.name == "log.mcap" else "/camera/video"]
-            yield "track", ["track", path, "-o", folder / "track.mcap", *topic, *seeds]
+            yield "track", ["track", path, "-o", folder / "track.mcap", *topic, *SEED]
     elif track:
-        yield "track", ["track", path, "-o", folder / "track.mcap", *seeds]
+        yield "track", ["track", path, "-o", folder / "track.mcap", *SEED]
+    if track:
+        yield "annotate", ["annotate", path, "--no-browser"]
 
 
 @dataclass
@@ -181,8 +225,9 @@ def abuse(wholes: list[Path], seeds: range, *, track_every: int, tally: Tally, s
 
 def faults(name: str, path: Path, folder: Path, outcome: Outcome) -> Iterator[str]:
     """What must not be: tracebacks, unknown exit codes, silence about errors, messages lost without a word."""
-    if FAULT in outcome.err or "Traceback" in outcome.err:
-        lines = outcome.err.strip().splitlines()
+    said = outcome.err + outcome.out
+    if FAULT in said or "Traceback" in said:
+        lines = said.strip().splitlines()
         first = next(k for k, line in enumerate(lines) if FAULT in line or "Traceback" in line)
         yield " | ".join(lines[max(0, first - 1) : first + 12])
     if outcome.code not in (0, 1, 2, 3):
@@ -193,10 +238,15 @@ def faults(name: str, path: Path, folder: Path, outcome: Outcome) -> Iterator[st
         yield f"{len(outcome.err.splitlines())} lines for an error"
     if outcome.code == 2 and list(folder.glob("*.part")):
         yield "a usage error left a part file"
-    if name == "merge" and outcome.code == 0:
+    if name in ("merge", "recover") and outcome.code == 0:
         merged, tolerant = int(outcome.out.split()[0]), tolerant_count(path)
         if merged < tolerant:
-            yield f"{merged} messages merged without a word, a tolerant reader gets {tolerant}"
+            yield f"{merged} messages written without a word, a tolerant reader gets {tolerant}"
+    if name == "retrack" and outcome.code in (0, 3):
+        for topic in ("/camera/video", "/sensors/imu"):  # which no answer changes
+            kept, tolerant = tolerant_count(folder / "retrack.mcap", topic), tolerant_count(path, topic)
+            if kept < tolerant:
+                yield f"{kept} messages of {topic} kept, a tolerant reader gets {tolerant}"
     if name == "check" and path.suffix == ".mcap" and outcome.code == 0:
         try:
             with path.open("rb") as file:
@@ -205,12 +255,14 @@ def faults(name: str, path: Path, folder: Path, outcome: Outcome) -> Iterator[st
             yield f"checked and found whole, but the reference reader says: {error!r}"
 
 
-def tolerant_count(path: Path) -> int:
-    """Messages that the mcap package's stream reader gives before it fails."""
-    count = 0
+def tolerant_count(path: Path, topic: str | None = None) -> int:
+    """Messages that the mcap package's stream reader gives before it fails, of all topics or of one."""
+    count, channels = 0, set()
     with path.open("rb") as file, contextlib.suppress(Exception):
         for record in StreamReader(file).records:
-            count += isinstance(record, Message)
+            if isinstance(record, Channel) and record.topic == topic:
+                channels.add(record.id)
+            count += isinstance(record, Message) and (topic is None or record.channel_id in channels)
     return count
 
 
@@ -240,7 +292,7 @@ def whole_files(folder: Path) -> list[Path]:
     tracked = folder / "tracked.mcap"
     settings = folder / "settings.toml"  # a camera without a path, which would be another in each folder
     settings.write_text("[camera]\nwidth_px=320\nheight_px=240\nfx_px=550\nfy_px=550\ncx_px=159.5\ncy_px=119.5\n")
-    assert run("track", files[0], "-o", tracked, "--seed", "orange@0=100,90,18", "-s", settings).code == 0
+    assert run("track", files[0], "-o", tracked, *SEED, "-s", settings).code == 0
     ours = folder / "ours.mcap"
     merged = run("merge", tracked, imu, "-o", ours)
     assert merged.code == 0, merged.err

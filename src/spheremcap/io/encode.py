@@ -1,6 +1,6 @@
 """Pictures as viewers take them: H.264 in Annex B or JPEG, one picture per message; and small MP4 files.
 
-Every encoder runs with a fixed number of threads: the same pictures give the same bytes on every machine.
+Every encoder runs with one thread and is given no byte that is not set: the same pictures give the same bytes.
 """
 
 import itertools
@@ -84,7 +84,7 @@ class H264Encoder:
         keys = f"keyint={self._key_every}:min-keyint={self._key_every}:scenecut=0"
         context = av.CodecContext.create("libx264", "w")
         _set_up(
-            context, self.width_px, self.height_px, self._rate, 1 / self._rate, threads=1, crf=self._crf,
+            context, self.width_px, self.height_px, self._rate, 1 / self._rate, crf=self._crf,
             preset="superfast", tune="zerolatency", params=f"bframes=0:{keys}:repeat-headers=1:annexb=1",
         )  # fmt: skip
         _tag(context, self._matrix, self._full_range)
@@ -137,8 +137,8 @@ def write_video(
                     stream.time_base = time_base
                     context = stream.codec_context
                     _set_up(
-                        context, image.shape[1], image.shape[0], rate, time_base, threads=2, crf=crf,
-                        bitrate=bitrate, preset="veryfast", params=f"bframes={bframes}:keyint=60",
+                        context, image.shape[1], image.shape[0], rate, time_base, crf=crf, bitrate=bitrate,
+                        preset="veryfast", params=f"bframes={bframes}:keyint=60",
                     )  # fmt: skip
                     _tag(context, "bt709", False)
                 picture = _picture(_to_420(image, "bt709", False), "bt709", False)
@@ -164,7 +164,6 @@ def _set_up(
     rate: Fraction,
     time_base: Fraction,
     *,
-    threads: int,
     crf: float,
     preset: str,
     params: str,
@@ -174,7 +173,7 @@ def _set_up(
     """Set libx264 up before it opens; `params` are x264's own, colon-separated."""
     context.width, context.height, context.pix_fmt = width_px, height_px, "yuv420p"
     context.time_base, context.framerate = time_base, rate
-    context.thread_count = threads
+    context.thread_count = 1  # slices and motion search of several depend on each other's pace, or may
     options = {"preset": preset, "x264-params": params}
     if tune is not None:
         options["tune"] = tune
@@ -222,7 +221,7 @@ def _picture(planes: _Planes, matrix: str, full_range: bool) -> av.VideoFrame:
         rows = np.frombuffer(memoryview(target), np.uint8).reshape(target.height, target.line_size)
         height, width = plane.shape
         rows[:height, :width] = plane
-        rows[:height, width : target.width] = plane[:, -1:]
-        rows[height : target.height] = rows[height - 1]
+        rows[:height, width:] = plane[:, -1:]
+        rows[height:] = rows[height - 1]
     _tag(picture, matrix, full_range)
     return picture

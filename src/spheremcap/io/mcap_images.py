@@ -37,10 +37,11 @@ from spheremcap.io.picture import (
     RAW_ENCODINGS,
     DecodedPictures,
     RawPicture,
-    bounded,
+    Shown,
     is_cut_jpeg,
     is_jpeg,
     raw_frame,
+    set_up_decoder,
     still_image,
 )
 from spheremcap.io.source import Losses
@@ -462,18 +463,21 @@ class McapImageSource:
         """Decode from the last key frame before the start; a frame's packet goes with it."""
         name = _name(codec)
         try:
-            decoder = bounded(cast(VideoCodecContext, av.CodecContext.create(codec, "r")))
+            decoder = cast(VideoCodecContext, av.CodecContext.create(codec, "r"))
         except (av.FFmpegError, ValueError) as error:
             raise SourceError(f"{self.path}: {self.topic}: this PyAV has no decoder for {name}") from error
-        decoder.thread_type = "SLICE"
+        set_up_decoder(decoder, careful=True)
+        shown = Shown(codec)
         waiting: dict[int, tuple[int, EncodedPicture]] = {}
         for index, stamp_ns, picture in self._from_key(pictures, name):
             encoded = EncodedPicture(picture.data, name, is_key_picture(picture.data, name))
             packet = av.Packet(picture.data)
             packet.pts = packet.dts = index
             waiting[index] = (stamp_ns, encoded)
-            yield from self._decoded(decoder, packet, waiting)
-        yield from self._decoded(decoder, None, waiting)
+            if encoded.key:
+                shown.key(index)
+            yield from self._decoded(decoder, packet, waiting, shown)
+        yield from self._decoded(decoder, None, waiting, shown)
         for index, (stamp_ns, _) in waiting.items():
             self._miss(index, stamp_ns, f"the {name} decoder gave no picture for it")
 
@@ -501,10 +505,13 @@ class McapImageSource:
                 yield from group
                 running = True
 
-    def _decoded(self, decoder: Any, packet: Any, waiting: dict[int, tuple[int, EncodedPicture]]) -> Iterator[Frame]:
+    def _decoded(
+        self, decoder: Any, packet: Any, waiting: dict[int, tuple[int, EncodedPicture]], shown: Shown
+    ) -> Iterator[Frame]:
         try:
             pictures = decoder.decode(packet)
         except (av.FFmpegError, ValueError, MemoryError):
+            shown.damaged()
             return
         for picture in pictures:
             index = picture.pts
@@ -515,11 +522,16 @@ class McapImageSource:
                 self._miss(earlier, waiting.pop(earlier)[0], "the decoder gave no picture for it")
             if self.start_ns is not None and stamp_ns < self.start_ns:
                 continue
+            if picture.is_corrupt:
+                shown.damaged()
+            if not shown(index):
+                self._miss(index, stamp_ns, "it is damaged, or made from a damaged one")
+                continue
             self.lost.damaged += bool(picture.is_corrupt)
             if self._of_video is None:
                 self._of_video = DecodedPictures(picture)
             try:
-                frame = self._of_video.frame(index, stamp_ns, picture)
+                frame = self._of_video.frame(index, stamp_ns, picture, copied=True)
             except (av.FFmpegError, ValueError) as error:
                 self._miss(index, stamp_ns, f"its pixels cannot be converted ({short(error)})")
                 continue

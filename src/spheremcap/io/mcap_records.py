@@ -603,16 +603,20 @@ class MessageIndex:
         return len(self.log_times)
 
     def message(self, number: int) -> RawMessage:
-        """The message with that number. Raises IndexError when there is none."""
+        """The message with that number. Raises SourceError where the file's index said so, and there is none."""
         found = self._message(number)
         if found is None:  # the file's index leads elsewhere: what the chunks hold counts
             self._locate(trusting=False)
             found = self._message(number)
         if found is None:
-            raise IndexError(f"there is no message {number}")
+            raise SourceError(
+                f"{self._records.path}: is damaged: its index says that there are more messages than can be read"
+            )
         return found
 
     def _message(self, number: int) -> RawMessage | None:
+        if number >= len(self):
+            return None
         piece = self._records._pieces[self._piece_of[number]]
         start, data = int(self._start_of[number]), self._records._load(piece, report=True)
         if start + _HEADER.size + _MESSAGE.size > len(data):

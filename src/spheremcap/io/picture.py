@@ -6,14 +6,15 @@ are those of the picture as displayed. No picture of more than `LARGEST_PX` pixe
 looked at before any memory is.
 """
 
+import itertools
 import re
 import struct
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import av
 import av.filter
@@ -83,10 +84,67 @@ def check_size(width_px: int, height_px: int) -> None:
         )
 
 
-def bounded(context: VideoCodecContext) -> VideoCodecContext:
-    """A decoder that refuses pictures of more than LARGEST_PX pixels, whatever its stream says."""
-    context.options = {**context.options, "max_pixels": str(LARGEST_PX)}
+# --- decoders ---
+
+
+class Damaged(Exception):
+    """A decoder met what it cannot decode."""
+
+
+_Item = TypeVar("_Item")
+
+
+def decoded_once_more(read: Callable[[bool], Iterator[_Item]]) -> Iterator[_Item]:
+    """What `read(False)` gives, as fast as can be; where that meets damage (raises Damaged), the rest of `read(True)`.
+
+    Decoders fill up what is damaged from pictures that another thread may still be at, or with what their memory held
+    before. So that a damaged stream gives the same pixels every time, it is read from the start once more with a
+    `careful` decoder: one thread, and no picture held by others. What comes before the damage is the same in both.
+    """
+    given = 0
+    try:
+        for item in read(False):
+            given += 1
+            yield item
+        return
+    except Damaged:
+        pass
+    yield from itertools.islice(read(True), given, None)
+
+
+def set_up_decoder(context: VideoCodecContext, careful: bool) -> VideoCodecContext:
+    """Before it opens: it refuses pictures of more than LARGEST_PX pixels, whatever its stream says. A `careful` one
+    has one thread and goes on after damage, any other has as many as there are cores and tells all damage."""
+    context.thread_type, context.thread_count = "AUTO", int(careful)
+    told = {} if careful and context.name not in UNCONCEALED else {"err_detect": "explode"}
+    context.options = {**context.options, **told, "max_pixels": str(LARGEST_PX)}
     return context
+
+
+UNCONCEALED = ("hevc",)
+"""Codecs whose decoders fill up what is damaged with whatever their memory holds."""
+
+
+class Shown:
+    """Which pictures of a damaged stream are shown: all, but of UNCONCEALED codecs none that is damaged or comes
+    between a damaged one and the next key frame. `order` is any number that rises as pictures are shown.
+    """
+
+    def __init__(self, codec: str) -> None:
+        self._conceals = codec not in UNCONCEALED
+        self._open, self._from = True, -(1 << 63)
+
+    def damaged(self) -> None:
+        """The decoder met damage."""
+        self._open = self._conceals
+
+    def key(self, order: int) -> None:
+        """A key frame goes into the decoder."""
+        if not self._open:
+            self._open, self._from = True, order
+
+    def __call__(self, order: int) -> bool:
+        return self._open and order >= self._from
 
 
 # --- decoded video ---
@@ -138,9 +196,9 @@ class DecodedPictures:
             u, v = _plane(picture, 1, columns, rows), _plane(picture, 2, columns, rows)
         return y, u, v
 
-    def frame(self, index: int, stamp_ns: int, picture: av.VideoFrame) -> Frame:
-        """A DecodedFrame (planes as decoded, which it keeps alive) or, from RGB and palette video, a BgrFrame. Raises
-        av.FFmpegError or ValueError for a pixel format that cannot be converted.
+    def frame(self, index: int, stamp_ns: int, picture: av.VideoFrame, copied: bool = False) -> Frame:
+        """A DecodedFrame (planes as decoded: the decoder's own memory unless they are to be `copied`) or, from RGB and
+        palette video, a BgrFrame. Raises av.FFmpegError or ValueError for a pixel format that cannot be converted.
         """
         layout, turn = _layout(picture.format.name), self.orientation
         if layout.convert_to == "bgr24":
@@ -164,6 +222,8 @@ class DecodedPictures:
         matrix = _MATRICES.get(picture.colorspace, self._default_matrix)
         full_range = picture.color_range == _FULL_RANGE or layout.full_range
         full_range = full_range or (layout.gray and picture.color_range != _LIMITED_RANGE)
+        if copied:
+            y, u, v = y.copy(), u.copy(), v.copy()
         planes = turn.apply(y), (turn.apply(u), turn.apply(v))
         return DecodedFrame(index, stamp_ns, *planes, (sx, sy), (ox, oy), matrix, full_range)
 

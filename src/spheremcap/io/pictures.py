@@ -50,7 +50,8 @@ class Pictures:
     """The pictures of a video, a folder or an image topic by index; a context manager. One thread at a time.
 
     Indices and stamps are those of the input's frames read in order: `first_index` ... `count` - 1, where some may be
-    missing in a folder or a damaged recording. `source` is what was opened, for its size, rate and calibration.
+    missing in a folder or a damaged recording. What a decoder patched looks the same each time that it is looked up,
+    but may not look as when read in order. `source` is what was opened, for its size, rate and calibration.
     """
 
     def __init__(self, source: Source, index: _Index, files: ExitStack, held_bytes: int) -> None:

@@ -12,6 +12,7 @@ the clock falls back by more than a second it was restarted, and everything afte
 import itertools
 import os
 import re
+from collections import deque
 from collections.abc import Generator, Iterator
 from fractions import Fraction
 from functools import cached_property
@@ -29,7 +30,7 @@ from spheremcap.core.time import NS_PER_S, parse_time_ns, ticks_to_ns
 from spheremcap.errors import SourceError, short
 from spheremcap.io.annex_b import CODECS, AnnexB, Packet
 from spheremcap.io.input_file import checked_input
-from spheremcap.io.picture import LARGEST_PX, DecodedPictures, bounded
+from spheremcap.io.picture import LARGEST_PX, Damaged, DecodedPictures, Shown, decoded_once_more, set_up_decoder
 from spheremcap.io.source import Losses
 
 StartTimeSource = Literal["start-time", "creation-time", "zero"]
@@ -71,13 +72,18 @@ class VideoSource:
         self.frame_count_hint: int | None = stream.frames if stream.frames > 0 else None
         self.start_time_ns, self.start_time_source = _start(self._container, stream, start_time_ns)
 
+        self._careful = False
         self._pictures = self._decode()
         try:
-            first = next(self._pictures)
-        except StopIteration:
+            first = next(self._pictures, None)
+        except Damaged:
+            self._open_again(careful=True)
+            self._pictures = self._decode()
+            first = next(self._pictures, None)
+        if first is None:
             self.close()
             why = self.lost.stopped or f"{self.lost.undecodable} packets, none of which is a picture"
-            raise SourceError(f"{self.path}: no picture could be decoded ({self.codec}; {why})") from None
+            raise SourceError(f"{self.path}: no picture could be decoded ({self.codec}; {why})")
         self._peeked: _Decoded | None = first
         picture = first[0]
         self.pixel_format: str = picture.format.name
@@ -88,7 +94,7 @@ class VideoSource:
         self.chroma_note = self.decoded.chroma_note
         self.rotation_deg = self.decoded.orientation.clockwise_deg
         """Clockwise turn, 0, 90, 180 or 270, that the stored picture needs and every Frame has had."""
-        aspect = float(stream.sample_aspect_ratio or 1)
+        aspect = float(self._stream.sample_aspect_ratio or 1)
         aspect = aspect if 0.1 <= aspect <= 10 else 1.0
         self.pixel_aspect = 1 / aspect if self.decoded.orientation.transposed else aspect
         """How much wider than high a pixel of a Frame is, as the stream says; 1 where it says nothing."""
@@ -115,13 +121,16 @@ class VideoSource:
         Frames are DecodedFrame (planes as decoded) or, from RGB and palette video, BgrFrame. A frame holds
         its picture's memory, so do not keep all of them. A second call reads the file again from the start.
         """
-        if self._peeked is None:
-            self._container.close()
-            self._container, self._stream = open_video(self.path)
+        yield from decoded_once_more(self._frames)
+
+    def _frames(self, careful: bool) -> Iterator[Frame]:
+        """All frames of one reading. Raises Damaged unless it is `careful`."""
+        if self._peeked is None or careful:
+            self._open_again(careful)
             pictures: Iterator[_Decoded] = self._decode()
         else:
             pictures = itertools.chain([self._peeked], self._pictures)
-            self._peeked = None
+        self._peeked = None
         annex_b = AnnexB(self.codec, self._stream) if self.passthrough_reason is None else None
         clock = _Clock(self._stream, self.origin_ticks, END_OF_TIME_NS - self.start_time_ns)
         for index, (picture, packet) in enumerate(pictures):
@@ -136,7 +145,7 @@ class VideoSource:
             self.lost.restamped += not as_stated
             self.lost.damaged += picture.is_corrupt
             try:
-                frame = self.decoded.frame(index, self.start_time_ns + since_start_ns, picture)
+                frame = self.decoded.frame(index, self.start_time_ns + since_start_ns, picture, self._careful)
             except (av.FFmpegError, ValueError) as error:
                 self.lost.miss(f"picture {index}: its pixels cannot be converted ({short(error)})")
                 continue
@@ -173,19 +182,28 @@ class VideoSource:
             return "the stream reorders its pictures (B-frames)"
         return _packets_reason(self.path, self.codec)
 
+    def _open_again(self, careful: bool) -> None:
+        """At its start."""
+        self._container.close()
+        self._container, self._stream = open_video(self.path, careful)
+        self._careful = careful
+
     def _decode(self) -> Iterator[_Decoded]:
         """Decode every packet once and give the pictures in presentation order, each with its packet.
 
         Packets wait under their time stamp until the picture with that stamp is out: those overtaken, or
-        that still wait at the end, never became one.
+        that still wait at the end, never became one. Raises Damaged unless the file was opened `careful`; so a picture
+        is held back until all that were decoded before it, from which it may be made, are out and not damaged.
         """
         self.lost = lost = Losses()
         container, stream = self._container, self._stream
         reader = container.demux(stream)
-        waiting: dict[int, Packet] = {}
+        waiting: dict[int, tuple[int, Packet]] = {}  # with its place in the stream
+        held: deque[tuple[int, _Decoded]] = deque()
         last: tuple[int, bool] | None = None  # time stamp of the latest packet, and whether it is cut short
-        errors = pictures_out = 0
+        errors = pictures_out = packets = 0
         one_to_one = self.codec not in INVISIBLE_PICTURES
+        shown = Shown(self.codec)
         ended = False
         while not ended:
             try:
@@ -199,30 +217,50 @@ class VideoSource:
             if packet.size and packet.pts is not None:
                 last = max(last or (packet.pts, False), (packet.pts, packet.is_corrupt))
                 if not packet.is_discard:
-                    waiting[packet.pts] = packet
+                    waiting[packet.pts] = packets, packet
+                    packets += 1
+                if packet.is_keyframe:
+                    shown.key(packet.pts)
             try:
                 pictures = stream.codec_context.decode(packet if packet.size else None)
-            except (av.FFmpegError, ValueError, MemoryError):
+            except (av.FFmpegError, ValueError, MemoryError) as error:
+                if not self._careful:
+                    raise Damaged from error
                 pictures, errors = [], errors + 1
+                shown.damaged()
             for picture in pictures:
+                if picture.is_corrupt:
+                    if not self._careful:
+                        raise Damaged
+                    shown.damaged()
                 pictures_out += 1
                 one_to_one = one_to_one and not picture.interlaced_frame
-                own: Packet | None = None
+                place, own = -1, None
                 if picture.pts in waiting:
-                    own = waiting.pop(picture.pts)
+                    place, own = waiting.pop(picture.pts)
                     overtaken = [pts for pts in waiting if pts < picture.pts]
                     for pts in overtaken:
                         del waiting[pts]
                     lost.undecodable += len(overtaken) if one_to_one else 0
-                yield picture, own
+                if shown(picture.pts if picture.pts is not None else packets):
+                    held.append((place, (picture, own)))
+                else:
+                    lost.miss("damaged, or made from a damaged one")
+                oldest = next(iter(waiting.values()))[0] if waiting else packets
+                while held and held[0][0] < oldest:
+                    yield held.popleft()[1]
+        yield from (decoded for _, decoded in held)
         if one_to_one:
             lost.undecodable += len(waiting)
         lost.undecodable = max(lost.undecodable, errors)
         lost.stopped = lost.stopped or _cut_short(self.path, container, stream, last, pictures_out)
 
 
-def open_video(path: Path) -> tuple[av.container.InputContainer, av.VideoStream]:
-    """Open a file and pick its video stream; every way this can fail is one SourceError."""
+def open_video(path: Path, careful: bool = False) -> tuple[av.container.InputContainer, av.VideoStream]:
+    """Open a file and pick its video stream; every way this can fail is one SourceError.
+
+    Unless it is `careful`, its decoder stops at the first damage (`set_up_decoder`).
+    """
     checked_input(path, "a video")
     try:
         # "file:" keeps FFmpeg from reading a colon in the name as a protocol.
@@ -253,12 +291,10 @@ def open_video(path: Path) -> tuple[av.container.InputContainer, av.VideoStream]
         raise SourceError(
             f"{path}: pictures of {size[0]}x{size[1]} are too large ({LARGEST_PX >> 20} million pixels at most)"
         )
-    bounded(best.codec_context)
+    set_up_decoder(best.codec_context, careful)
     for stream in container.streams:
         if stream.index != best.index:
             stream.discard = Discard.all
-    best.codec_context.thread_type = "AUTO"
-    best.codec_context.thread_count = 0  # one per core
     return container, best
 
 

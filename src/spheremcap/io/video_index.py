@@ -23,6 +23,7 @@ import numpy.typing as npt
 from spheremcap.core.frame import Frame
 from spheremcap.core.time import NS_PER_S, ticks_to_ns
 from spheremcap.io.annex_b import Packet
+from spheremcap.io.picture import UNCONCEALED, Damaged, decoded_once_more
 from spheremcap.io.video import END_OF_TIME_NS, INVISIBLE_PICTURES, VideoSource, open_video
 
 _Ints = npt.NDArray[np.int64]
@@ -89,7 +90,7 @@ class PacketIndex:
         group = self._group_of(key)
         index, key_pts, source = self._first(group), self._group(group).key_pts, self._source
         expected = itertools.chain.from_iterable(map(self._in_order, range(group, len(self._keys))))
-        for picture in self._decoded(group):
+        for picture, careful in self._decoded(group):
             if picture.pts is not None and picture.pts < key_pts:
                 continue  # shown before the key frame: they hang on the group before
             if index == self.count:
@@ -98,7 +99,7 @@ class PacketIndex:
                 raise NotAsIndexed
             if (picture.width, picture.height) != source.decoded.coded_size:
                 return
-            yield source.decoded.frame(index, self._stamp_ns(picture.pts), picture)
+            yield source.decoded.frame(index, self._stamp_ns(picture.pts), picture, careful)
             index += 1
         if index != self.count:
             raise NotAsIndexed
@@ -199,20 +200,36 @@ class PacketIndex:
         by_pts = self._pts is self._stored
         return file.packets_from(int(self._stored[self._keys[group]]), by_pts, int(1 / self._time_base))
 
-    def _decoded(self, group: int) -> Iterator[av.VideoFrame]:
-        for packet in self._packets_from(group, self._file):
+    def _decoded(self, group: int) -> Iterator[tuple[av.VideoFrame, bool]]:
+        """Pictures from a group's key frame on, and whether a careful decoder made them."""
+
+        def read(careful: bool) -> Iterator[tuple[av.VideoFrame, bool]]:
+            if careful and self._source.codec in UNCONCEALED:
+                raise NotAsIndexed  # some of its pictures are not shown
+            file = _File(self._source.path, careful) if careful else self._file
             try:
-                yield from self._file.stream.codec_context.decode(packet if packet.size else None)
-            except (av.FFmpegError, ValueError, MemoryError):
-                raise NotAsIndexed from None
+                for packet in self._packets_from(group, file):
+                    try:
+                        pictures = file.stream.codec_context.decode(packet if packet.size else None)
+                    except (av.FFmpegError, ValueError, MemoryError):
+                        raise (NotAsIndexed if careful else Damaged) from None
+                    for picture in pictures:
+                        if picture.is_corrupt and not careful:
+                            raise Damaged
+                        yield picture, careful
+            finally:
+                if careful:
+                    file.close()
+
+        yield from decoded_once_more(read)
 
 
 class _File:
     """An open file: pictures are decoded from one while the packets ahead are looked at in another."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self.container, self.stream = open_video(path)
+    def __init__(self, path: Path, careful: bool = False) -> None:
+        self._path, self._careful = path, careful
+        self.container, self.stream = open_video(path, careful)
 
     def close(self) -> None:
         self.container.close()
@@ -220,7 +237,7 @@ class _File:
     def open_again(self) -> None:
         """At its start."""
         self.close()
-        self.container, self.stream = open_video(self._path)
+        self.container, self.stream = open_video(self._path, self._careful)
 
     def packets_from(self, stamp: int, by_pts: bool, second: int) -> Iterator[Packet]:
         """The packets from the one with that pts (or dts) on. A container that lands behind it, `second` ticks to a

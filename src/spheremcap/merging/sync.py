@@ -131,6 +131,8 @@ class Sync:
 
 # --- signals ---
 
+_BEYOND_MEASURE = 1e9
+
 
 def track_acceleration(stamp_ns: StampArray, xyz_m: FloatArray, config: SyncConfig | None = None) -> Signal:
     """Of a marker's track, stamps (N,) and positions (N, 3) with NaN where it was not measured."""
@@ -144,7 +146,11 @@ def track_speed(stamp_ns: StampArray, xyz_m: FloatArray, config: SyncConfig | No
 
 
 def magnitude(stamp_ns: StampArray, vectors: FloatArray, left_out: BoolArray | None = None) -> Signal:
-    """The size (N,) of a sensor's vectors (N, 3), or of a rate (N,); `left_out` where it was saturated."""
+    """The size (N,) of a sensor's vectors (N, 3), or of a rate (N,); `left_out` where it was saturated.
+
+    A number beyond all that can be measured, as a damaged message has it, is none.
+    """
+    vectors = np.where(np.abs(vectors) < _BEYOND_MEASURE, vectors, np.nan)
     size = np.abs(vectors) if vectors.ndim == 1 else np.linalg.norm(vectors, axis=1)
     if left_out is not None:
         size = np.where(left_out, np.nan, size)
@@ -153,7 +159,7 @@ def magnitude(stamp_ns: StampArray, vectors: FloatArray, left_out: BoolArray | N
 
 def _derived(stamp_ns: StampArray, xyz_m: FloatArray, order: int, config: SyncConfig) -> tuple[StampArray, FloatArray]:
     """The smoothed derivative of a track on an even grid of rate_hz; NaN in gaps and near their ends."""
-    good = np.isfinite(xyz_m).all(axis=1)
+    good = (np.abs(xyz_m) < _BEYOND_MEASURE).all(axis=1)
     stamps, xyz = np.asarray(stamp_ns, np.int64)[good], xyz_m[good]
     keep = np.concatenate([[True], np.diff(stamps) > 0]) if len(stamps) else np.zeros(0, bool)
     stamps, xyz = stamps[keep], xyz[keep]

@@ -350,7 +350,7 @@ def _ours(path: Path) -> _Ours | None:
     """What a recording of ours says; None for one without markers. Reads no more than that takes."""
     with McapRecords(path) as records:
         names = schema_names(records)
-        states = {c.topic for c in records.channels.values() if names[c.id] == STATE}
+        states = {c.topic for c in records.channels.values() if names[c.id] == STATE and c.topic.count("/") > 1}
         if not states:
             return None
         tracks = {topic: track_name(topic, topic.split("/")[-2]) for topic in sorted(states)}
@@ -360,7 +360,11 @@ def _ours(path: Path) -> _Ours | None:
         first = None
         for topic in states:
             for raw in records.messages({topic}):
-                row = state_row(raw.data, raw.log_time)
+                try:
+                    row = state_row(raw.data, raw.log_time)
+                except UNREADABLE as error:
+                    records.undecodable(raw.channel.topic, error)
+                    continue
                 first = min(first or (row.frame_index, row.stamp_ns), (row.frame_index, row.stamp_ns))
                 break
         asking = {c.topic for c in records.channels.values() if names[c.id] == REQUEST}
