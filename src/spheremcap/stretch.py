@@ -34,7 +34,7 @@ _MEETS_DICE = 0.8  # overlap from which two measured circles are one and the sam
 _MEETS_FRAMES = 5  # frames in a row on which they have to be
 _ELSEWHERE = "acquire"  # who proposes what was not found where it was expected
 _ASTRAY = 1 / 3  # overlap of a person's circle with another marker's from which that one is believed to be astray
-_IN_MEMORY_BYTES = 8 << 20
+_IN_MEMORY_BYTES = 1 << 20
 
 Base = Callable[[int], Mapping[str, MarkerEstimate]]
 """What was found without the answers on a frame, by marker; empty for a frame that never came."""

@@ -159,7 +159,8 @@ def test_a_recording_without_its_index(tmp_path: Path) -> None:
 def test_an_index_that_leads_elsewhere_is_not_followed(tmp_path: Path, elsewhere: Callable[[Any], int]) -> None:
     path = video_recording(tmp_path / "a.mcap")
     with open_pictures(path) as found:
-        stamps, starts = found._index._messages.log_times, found._index._messages._start_of
+        located = found._index._messages._located(0)
+    stamps, starts = located.times, located.starts
     data, stamp = path.read_bytes(), stamps[7].to_bytes(8, "little")
     right = stamp + starts[7].to_bytes(8, "little")
     assert data.count(right) == 1

@@ -220,10 +220,10 @@ def test_a_stretch_is_shown_beside_the_old_one_before_anything_is_replaced(recor
     done(page)
     trial = page.trial_shown()
     assert trial["first"] <= 70
-    assert trial["first"] + len(trial["new"]) == COUNT
-    at = 100 - trial["first"]
-    assert abs(trial["new"][at][1][1] - wrist(100).y_px) < 1
-    assert abs(trial["old"][at][1][1] - 70) < 1  # the ball that it was taken for
+    assert trial["last"] == COUNT - 1
+    there = page.states(90, 110)
+    assert abs(there["trial"][10][1][1] - wrist(100).y_px) < 1
+    assert abs(there["states"]["wrist"][10][1][1] - 70) < 1  # the ball that it was taken for
     assert page.lanes()["lanes"] == was
     page.accept()
     assert page.trial_shown() is None
@@ -269,11 +269,11 @@ def test_the_new_recording_is_what_retrack_makes_of_the_same_file_byte_for_byte(
     page.answer("keep", "elbow", 90, {"to_frame": 109})
     page.track_again("wrist", 75)
     done(page)
-    shown = [state and state[1] for state in page.trial_shown()["new"]]
-    first = page.trial_shown()["first"]
+    first, last = page.trial_shown()["first"], page.trial_shown()["last"]
+    shown = [state and state[1] for state in page.states(first, last)["trial"]]
     page.accept()
     page.write()
-    assert done(page).endswith("out.2.mcap")
+    assert done(page) == "Wrote out.2.mcap with 2 answers"
     assert page.session()["written"] == "out.2.mcap"
     batch = recording.parent / "batch.mcap"
     api.retrack(recording, batch, load_seeds(recording.parent / "out.seeds.toml"))
@@ -301,7 +301,7 @@ def test_a_first_run_from_the_page_is_what_track_makes_of_the_same_files(film: P
     page.track()
     with pytest.raises(UsageError, match="wait until this has ended"):
         page.track()
-    assert done(page) == f"{COUNT} frames -> film.mcap"
+    assert done(page) == f"Tracked {COUNT} frames into film.mcap, with 1 request"
     batch = film.parent / "batch.mcap"
     folder = film.parent
     api.track(
@@ -361,7 +361,7 @@ def test_a_log_with_pictures_is_tracked_into_another_file(tmp_path: Path, paged:
     circle = clips.truth(clips.balls(3)[0])
     page.answer("circle", "orange", 3, dict(zip(("x_px", "y_px", "r_px"), circle, strict=True)))
     page.track()
-    assert done(page) == "16 frames -> log.tracked.mcap"
+    assert done(page) == "Tracked 16 frames into log.tracked.mcap, with 0 requests"
     page.open_written()
     page._reading.join(30)
     assert page.session()["first"] == 0

@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import chi2
 
 from reference import kalman as reference
 from spheremcap.core.time import NS_PER_S
-from spheremcap.positioning.kalman import KalmanConfig, Moment, Track3D, change_power, smooth, transition
+from spheremcap.positioning.kalman import KalmanConfig, Moment, Track3D, change_power, gate_of, smooth, transition
 
 SD_M = np.array([0.002, 0.001, 0.01])
 R = np.diag(SD_M**2)
@@ -338,6 +340,32 @@ def test_without_the_filter_the_last_position_is_the_prediction():
     track = Track3D(KalmanConfig(enabled=False))
     track.start(0, np.array([0.1, 0.2, 1.0]), R, np.array([5.0, 5, 5]))
     np.testing.assert_array_equal(track.predict(10**9).xyz_cam_m, [0.1, 0.2, 1.0])
+
+
+def test_the_filter_equals_filterpys():
+    config, rng, stamp = KalmanConfig(), np.random.default_rng(5), 0
+    ours, theirs = Track3D(config), KalmanFilter(dim_x=6, dim_z=3)
+    theirs.H = np.eye(3, 6)
+    ours.start(0, np.array([0.1, 0.2, 1.0]), R)
+    theirs.x, theirs.P = ours.now.state, ours.now.covariance
+    for k in range(60):
+        dt_ns = int(rng.integers(1, 4)) * PERIOD_NS
+        stamp += dt_ns
+        f, q = transition(dt_ns / 1e9, config)
+        prior = ours.predict(stamp)
+        theirs.predict(F=f, Q=q)
+        if k % 7 != 3:
+            measured, spread = prior.xyz_cam_m + rng.normal(0, 1e-3, 3), np.diag(rng.uniform(1e-6, 1e-5, 3))
+            moment = ours.update(measured, spread)
+            assert moment.widened == 1
+            theirs.update(measured, R=spread)
+        np.testing.assert_allclose(ours.now.state, theirs.x, rtol=1e-9)
+        np.testing.assert_allclose(ours.now.covariance, theirs.P, rtol=1e-6, atol=1e-15)
+
+
+@pytest.mark.parametrize("probability", [0.51, 0.95, 0.999, 0.9999, 0.999999])
+def test_the_gate_is_the_quantile(probability):
+    assert gate_of(probability) == pytest.approx(chi2.ppf(probability, 3), rel=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(4))

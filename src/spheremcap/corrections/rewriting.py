@@ -11,6 +11,7 @@ from spheremcap.corrections.footage import Footage
 from spheremcap.corrections.run import Run
 from spheremcap.corrections.told import Request, answered, key_of, said, told_of
 from spheremcap.io import _pb, messages, overlays
+from spheremcap.io.course import Course
 from spheremcap.io.join import OutMessage
 from spheremcap.io.mcap_log import TRAIL_NS, Scene, debug_messages, font_px, marker_messages, schema_id
 from spheremcap.io.mcap_records import McapRecords, Piece, RawMessage
@@ -60,6 +61,8 @@ class Rewriting:
         self._log = self._log_lines()
         self.statuses = {name: Counter[Status]() for name in corrected}
         """By how much the numbers of frames change."""
+        self.courses = {name: Course() for name in corrected}
+        """What the answers have made of the frames that they changed."""
 
     @property
     def open_requests(self) -> int:
@@ -142,6 +145,7 @@ class Rewriting:
             for topic, message in marker_messages(after[name], next(iter(poses), None), topics):
                 yield self._new(topic, log_time, stamp, message)
             self.statuses[name][after[name].status] += 1
+            self.courses[name].add(index, after[name].status.value)
             if name in base:
                 self.statuses[name][base[name].status] -= 1
         yield from self._scene_of(number, log_time, stamp)

@@ -243,6 +243,11 @@ class McapImageSource:
             yield frame
         self.lost.file = self._damage()
 
+    def forget_first(self) -> None:
+        """Let go of the first picture and its decoder, which `frames` would go on with: who looks pictures up by their
+        number has no use for them."""
+        self._pending = None
+
     # --- opening ---
 
     def _chosen(self, topic: str | None) -> str:
@@ -456,7 +461,6 @@ class McapImageSource:
             raise SourceError(f"{self.path}: {self.topic}: this PyAV has no decoder for {name}") from error
         decoder.thread_type = "SLICE"
         waiting: dict[int, tuple[int, EncodedPicture]] = {}
-        self._frame = None
         for index, stamp_ns, picture in self._from_key(pictures, name):
             encoded = EncodedPicture(picture.data, name, is_key_picture(picture.data, name))
             packet = av.Packet(picture.data)
@@ -506,7 +510,7 @@ class McapImageSource:
             if self.start_ns is not None and stamp_ns < self.start_ns:
                 continue
             self.lost.damaged += bool(picture.is_corrupt)
-            if self._frame is None:
+            if self._frame is None:  # asking a picture for its side data ties it to itself: one alone is kept by that
                 self._frame = DecodedPictures(picture).frame
             try:
                 frame = self._frame(index, stamp_ns, picture)

@@ -25,6 +25,7 @@ from spheremcap.core.marker import MarkerSpec
 from spheremcap.errors import OutputError, UsageError
 from spheremcap.io import messages, overlays
 from spheremcap.io.calibration import channel_metadata
+from spheremcap.io.course import COURSE_METADATA, Course, course_lines
 from spheremcap.io.messages import Fields, LogLevel, Message
 from spheremcap.io.output import VERSION, Compression, SharedWriter, open_output
 from spheremcap.io.topics import WORLD_FRAME, Topics
@@ -158,6 +159,7 @@ class McapLog:
         self._scene = Scene(markers, self.topics.optical_frame)
         self._pending_log: list[tuple[int, int, LogLevel, str]] = []
         self._log_count = 0
+        self._courses = {marker.name: Course() for marker in markers}
         self._closed = False
         self._font_px = font_px(camera)
 
@@ -188,6 +190,8 @@ class McapLog:
         for estimate in result.estimates:
             for topic, message in marker_messages(estimate, smoothed.get(estimate.marker), topics):
                 self._add(topic, stamp, message)
+            course = self._courses.setdefault(estimate.marker, Course())
+            course.add(estimate.frame_index, estimate.status.value)
         scene = self._scene.after(stamp, result.estimates)
         if scene is not None:
             self._add(topics.scene, stamp, scene)
@@ -256,6 +260,7 @@ class McapLog:
         self._write_log_until(None)
         self._begin(self._last_ns or 0)
         if self.run is not None:
+            self._sink.add_metadata(COURSE_METADATA + self.run.id, course_lines(self._courses))
             facts = dict(outcome) | {"complete": "yes" if complete else "no"}
             self._sink.add_metadata(OUTCOME_METADATA + self.run.id, facts)
 

@@ -1,4 +1,4 @@
-"""Constant-velocity Kalman filter in 3D on true time stamps, with a gate (filterpy), and its RTS smoother.
+"""Constant-velocity Kalman filter in 3D on true time stamps, with a gate, and its RTS smoother.
 
 State (x, y, z, vx, vy, vz) in the camera's optical frame, metres and metres a second. Thesis section 3.3.
 """
@@ -10,9 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from filterpy.kalman import KalmanFilter
 from pydantic import Field
-from scipy.stats import chi2
 
 from spheremcap.core.compiled import BOOL, F8, array, inner, kernel
 from spheremcap.core.linear import inverse3, product, solve
@@ -60,15 +58,14 @@ class Track3D:
 
     def __init__(self, config: KalmanConfig) -> None:
         self.config = config
-        self._gate = float(chi2.ppf(config.gate_probability, 3))
-        self._filter = KalmanFilter(dim_x=6, dim_z=3)
-        self._filter.H = np.eye(3, 6)
+        self._gate = gate_of(config.gate_probability)
+        self._state: FloatArray = np.zeros(6)
+        self._covariance: FloatArray = np.eye(6)
         self._stamp_ns: int | None = None
         self._widened = 1.0
         self._updates = 0
         self._moment: Moment | None = None  # `now`, until it changes
         self._information: FloatArray = np.eye(3)  # the inverse of the innovation's covariance S, as last asked for
-        self._filter.inv = self._inverse
         self._asked: tuple[FloatArray, FloatArray, float] | None = None  # about which measurement, and its distance2
 
     @property
@@ -88,10 +85,10 @@ class Track3D:
         velocity_cam_mps: FloatArray | None = None,
     ) -> None:
         """Begin at a measured place; the velocity, when not given, is zero with the configured deviation."""
-        self._filter.x = np.concatenate([xyz_cam_m, np.zeros(3) if velocity_cam_mps is None else velocity_cam_mps])
-        self._filter.P = np.zeros((6, 6))
-        self._filter.P[:3, :3] = covariance_m2
-        self._filter.P[3:, 3:] = np.eye(3) * self.config.start_speed_mps**2
+        self._state = np.concatenate([xyz_cam_m, np.zeros(3) if velocity_cam_mps is None else velocity_cam_mps])
+        self._covariance = np.zeros((6, 6))
+        self._covariance[:3, :3] = covariance_m2
+        self._covariance[3:, 3:] = np.eye(3) * self.config.start_speed_mps**2
         self._stamp_ns, self._widened, self._asked, self._moment = stamp_ns, 1.0, None, None
         self._updates = 0 if velocity_cam_mps is None else 1
 
@@ -101,7 +98,8 @@ class Track3D:
             raise RuntimeError("the filter has not been started")
         dt_s = (stamp_ns - self._stamp_ns) / NS_PER_S
         f, q = transition(dt_s, self.config)
-        self._filter.predict(F=f, Q=q)
+        self._state = f @ self._state
+        self._covariance = f @ self._covariance @ f.T + q
         self._stamp_ns, self._widened, self._asked, self._moment = stamp_ns, 1.0, None, None
         return self.now
 
@@ -110,13 +108,13 @@ class Track3D:
         """The state as it is; it does not change afterwards."""
         assert self._stamp_ns is not None
         if self._moment is None:
-            self._moment = Moment(self._stamp_ns, self._filter.x, self._filter.P, self._widened)
+            self._moment = Moment(self._stamp_ns, self._state, self._covariance, self._widened)
         return self._moment
 
     def distance2(self, xyz_cam_m: FloatArray, covariance_m2: FloatArray) -> float:
         """Squared Mahalanobis distance of a measurement from the prediction (normalised innovation squared)."""
         if self._asked is None or self._asked[0] is not xyz_cam_m or self._asked[1] is not covariance_m2:
-            found = _distance2(self._filter.x, self._filter.P, xyz_cam_m, covariance_m2, self._information)
+            found = _distance2(self._state, self._covariance, xyz_cam_m, covariance_m2, self._information)
             self._asked = xyz_cam_m, covariance_m2, found
         return self._asked[2]
 
@@ -131,18 +129,28 @@ class Track3D:
         """
         surprise = self.surprise(xyz_cam_m, covariance_m2)
         if surprise > 1:
-            fastest = _FASTEST_MPS**2 / float(np.diag(self._filter.P)[3:].max())
+            fastest = _FASTEST_MPS**2 / float(np.diag(self._covariance)[3:].max())
             self._widened = min(surprise, max(1.0, fastest))
-            self._filter.P, self._asked = self._filter.P * self._widened, None
+            self._covariance, self._asked = self._covariance * self._widened, None
             self.distance2(xyz_cam_m, covariance_m2)
-        self._filter.update(xyz_cam_m, R=covariance_m2)
-        self._filter.P = (self._filter.P + self._filter.P.T) / 2
+        gain = np.ascontiguousarray(self._covariance[:, :3]) @ self._information  # P H' S^-1: H takes the place alone
+        left = np.eye(6)  # I - K H
+        left[:, :3] -= gain
+        self._state = self._state + gain @ (xyz_cam_m - self._state[:3])
+        covariance = left @ self._covariance @ left.T + gain @ covariance_m2 @ gain.T  # Joseph's form
+        self._covariance = (covariance + covariance.T) / 2
         self._updates, self._asked, self._moment = self._updates + 1, None, None
         return self.now
 
-    def _inverse(self, spread: FloatArray) -> FloatArray:
-        """What filterpy asks for S^-1: the gate has just worked it out."""
-        return self._information
+
+@lru_cache(maxsize=16)
+def gate_of(probability: float) -> float:
+    """The quantile of chi-squared with three degrees of freedom: that share of true measurements is no further off."""
+    low, high = 0.0, 1e4
+    while low < (middle := (low + high) / 2) < high:
+        beyond = math.erfc(math.sqrt(middle / 2)) + math.sqrt(2 * middle / math.pi) * math.exp(-middle / 2)
+        low, high = (middle, high) if beyond > 1 - probability else (low, middle)
+    return high
 
 
 @kernel(F8, array(F8, 1), array(F8, 2), array(F8, 1), array(F8, 2), F8[:, ::1])
