@@ -32,7 +32,7 @@ from spheremcap.operator.answers import AnswerFile, write_durably
 from spheremcap.operator.desk import HELD_BYTES
 from spheremcap.operator.lanes import Lanes
 from spheremcap.session import check_answers
-from spheremcap.stretch import Stretch
+from spheremcap.stretch import Stretch, base_seeds
 
 Kind = Literal["video", "log", "recording", "attended"]
 _Answer = TypeVar("_Answer", bound=Answer)
@@ -282,6 +282,13 @@ class Opened:
         return replace(answer, marker=f"{self.camera_name}/{answer.marker}") if self.cameras else answer
 
     def _check(self, answers: Sequence[Answer]) -> None:
+        circles = {(a.marker, a.frame_index): a.circle for a in answers if isinstance(a, Seed)}
+        for seed in base_seeds(self.given):
+            if circles.get((seed.marker, seed.frame_index), seed.circle) != seed.circle:
+                raise UsageError(
+                    f"{seed.marker} was tracked from its circle on frame {seed.frame_index}: give the right one on the "
+                    "frame after it, or open the video and track it again"
+                )
         for answer in answers:
             last = answer.frame_index if isinstance(answer, Seed) else answer.to_frame_index
             if not self.first <= answer.frame_index <= last <= self.last:

@@ -623,10 +623,7 @@ async function takeTrial() {
     const t = S.trial;
     line.span = { marker: t.answer.marker, first: t.first, last: t.last };
     $("trial-said").textContent = `${t.answer.marker} tracked again on frames ${t.first} to ${t.last}: measured on ${t.measured_new} of them, before on ${t.measured_old}. It begins: ${t.before}. It ends: ${t.after}. Nothing is replaced yet.`;
-    const worse = t.measured_new < t.measured_old;
-    $("trial-doubt").hidden = !worse;
-    $("accept").classList.toggle("main", !worse);
-    $("discard").classList.toggle("main", worse);
+    $("trial-doubt").hidden = 2 * t.measured_new >= t.measured_old; // a wrong track is measured on many frames too
   } else if (S.hiddenFrom === null) line.span = null;
   line.trial = S.trial && { marker: S.trial.answer.marker, runs: S.trial.runs };
   laneNames();
