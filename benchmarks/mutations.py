@@ -60,6 +60,7 @@ SPOTS, HUES = "tests/detection/test_spots.py", "tests/detection/test_hues.py"
 PROPOSALS, FOUND = "tests/test_proposals.py", "tests/test_found.py"
 SNAP, AUTO = "tests/test_snap.py", "tests/cli/test_auto.py"
 SPHERE, KALMAN = "tests/positioning/test_sphere.py", "tests/positioning/test_kalman.py"
+COURSE, INDEX = "tests/io/test_course.py", "tests/io/test_message_index.py"
 STRETCH, RETRACK = "tests/test_stretch.py", "tests/corrections/test_retrack.py"
 ATTENDED = "tests/corrections/test_attended.py"
 
@@ -1178,7 +1179,7 @@ FAULTS = (
     ),
     Fault(
         618, "stretch: the frames of a meeting are its own", "stretch.py",
-        "            stretch.leave(meeting.frames)\n        else:", "            pass\n        else:", (STRETCH,),
+        "            stretch.leave(meeting.frames)\n        elif", "            pass\n        elif", (STRETCH,),
     ),
     Fault(
         619, "stretch: another marker is believed where a person says this one is", "stretch.py",
@@ -1271,6 +1272,38 @@ FAULTS = (
     Fault(
         639, "track: answers beyond the end leave the base", "api.py",
         "        base.unlink(missing_ok=True)\n        raise\n", "        raise\n", (RETRACK,),
+    ),
+    Fault(
+        640, "stretch: the base is believed between what is hidden and a stretch", "stretch.py",
+        "elif not reached or astray:", "else:", (STRETCH,),
+    ),
+    Fault(
+        641, "course: what is below stands over what is laid on it", "io/course.py",
+        "top.number_at(start) or self.number_at(start)", "self.number_at(start) or top.number_at(start)", (COURSE,),
+    ),
+    Fault(
+        642, "course: frames that never came are as those before", "io/course.py",
+        "            self._begin(self._end, 0)\n", "            pass\n", (COURSE,),
+    ),
+    Fault(
+        643, "message index: chunks between each other go one after the other", "io/mcap_records.py",
+        "start < spans[-1].end or", "False or", (INDEX,),
+    ),
+    Fault(
+        644, "answers: their messages begin to count anew", "corrections/rewriting.py",
+        "behind_others = SEQUENCES_A_FRAME * index + SEQUENCES_A_FRAME // 2", "behind_others = 0", (RETRACK,),
+    ),
+    Fault(
+        645, "pictures: one of every group is kept by itself", "io/mcap_images.py",
+        "if self._frame is None:  # asking", "if True:  # asking", ("tests/io/test_pictures_by_index.py",),
+    ),
+    Fault(
+        646, "page: a circle where the track began is changed", "operator/opened.py",
+        "seed.circle) != seed.circle:", "seed.circle) is None:", ("tests/operator/test_page.py",),
+    ),
+    Fault(
+        647, "page: answers to another camera are dropped", "operator/answers.py",
+        "seeds_toml([*others, *named])", "seeds_toml(named)", ("tests/operator/test_page.py",),
     ),
     Fault(
         701, "found: two alike are not asked", "found.py",

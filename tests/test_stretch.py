@@ -267,6 +267,22 @@ def test_backwards_it_ends_behind_what_is_hidden():
     assert stretch.before == "hidden on frame 20"
 
 
+def test_between_what_is_hidden_and_a_stretch_the_base_is_not_believed():
+    """The wrist is said to be hidden up to two frames before it is seen; the base has taken the elbow for it."""
+    film = Film(gone=range(12, 25))
+    hidden = Hidden("wrist", 12, 22)
+    answers = (seed("wrist", of="elbow"), seed("elbow"), seed("wrist", 30), hidden)
+    found, base = corrected(film, *answers)
+    (stretch,) = found.stretches
+    assert base(23)["wrist"].status is Status.VERIFIED  # else there was nothing to correct
+    assert (stretch.frames[0], stretch.before) == (23, "hidden on frame 22")
+    for index in (23, 24):
+        assert found.at(index) is stretch
+        assert not stretch.estimate(index).status.measured
+        assert BACKWARDS in stretch.estimate(index).reasons
+    assert all(near(stretch.estimate(index)) for index in range(25, COUNT))
+
+
 def test_hidden_frames_of_another_marker_and_kept_ones_change_nothing():
     film = Film()
     answers = (*BOTH, seed("wrist", 30), Hidden("elbow", 0, COUNT), Keep("wrist", 0, COUNT))

@@ -34,7 +34,7 @@ _MEETS_DICE = 0.8  # overlap from which two measured circles are one and the sam
 _MEETS_FRAMES = 5  # frames in a row on which they have to be
 _ELSEWHERE = "acquire"  # who proposes what was not found where it was expected
 _ASTRAY = 1 / 3  # overlap of a person's circle with another marker's from which that one is believed to be astray
-_IN_MEMORY_BYTES = 8 << 20
+_IN_MEMORY_BYTES = 1 << 20
 
 Base = Callable[[int], Mapping[str, MarkerEstimate]]
 """What was found without the answers on a frame, by marker; empty for a frame that never came."""
@@ -233,7 +233,8 @@ class _Way:
             stretch.leave(meeting.frames)
 
     def backwards(self, stretch: Stretch) -> None:
-        """From the circle back, as far as the marker is measured."""
+        """From the circle back, as far as the marker is measured; or, if it is not lost before, to where it is hidden:
+        the base, which the circle contradicts, is not believed on the few frames between."""
         start, terms = stretch.answer.frame_index, self._terms
         k = bisect_left(self._borders, start)
         last = self._borders[k - 1] if k else terms.first_index - 1
@@ -245,12 +246,13 @@ class _Way:
         meeting = Meeting(self._track)
         readout_s = None if terms.readout_s is None else -terms.readout_s
         session = begun(stretch.answer, (), terms, self._base, readout_s)
-        stretch.before = f"the circle before, on frame {last}" if k else "the first frame"
+        stretch.before, reached = f"the circle before, on frame {last}" if k else "the first frame", False
 
         def frames() -> Iterator[Frame]:
+            nonlocal reached
             for index in range(start, last, -1):
                 if any(index in hidden for hidden in self._corrected.hidden):
-                    stretch.before = f"hidden on frame {index}"
+                    stretch.before, reached = f"hidden on frame {index}", index < start
                     return
                 if index != start and not self._go_on():
                     return
@@ -279,7 +281,7 @@ class _Way:
                 believed = result.frame_index if measured and not astray else believed
         if meeting.agreed:
             stretch.leave(meeting.frames)
-        else:
+        elif not reached or astray:
             stretch.leave([index for index in found if index < believed])
 
     def _track(self, frame_index: int) -> MarkerEstimate | None:

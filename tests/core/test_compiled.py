@@ -230,7 +230,7 @@ def test_the_one_who_waits_is_told_once(capsys):
     notice.done()
     assert capsys.readouterr().err == ""
     for _ in range(3):
-        notice.missed(0.0, kept=False)
+        notice.missed(0.0)
     assert capsys.readouterr().err.count("\n") == 1
     notice.done()
     notice.done()

@@ -32,6 +32,8 @@ from spheremcap.config import OutputSettings, Settings, parse_seed, seeds_toml
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Hidden, Keep, Seed
 from spheremcap.errors import SourceError, UsageError
+from spheremcap.io.course import STATUSES, courses_of
+from spheremcap.io.mcap_log import RUN_METADATA
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.sources import FromMcap
 from spheremcap.io.states import is_answered
@@ -290,6 +292,27 @@ def test_every_other_message_is_copied_byte_for_byte_in_its_order(folder, tracks
     first, out = spans(covered)[0]
     between = made_backwards(tracks["wrist"])[0] - out - 1  # frames behind what is hidden and before the stretch
     assert len(wrist_state) == first + between
+
+
+@pytest.mark.parametrize("name", ["base", "corrected"])
+def test_sequence_numbers_rise_within_a_topic_whoever_wrote_its_messages(folder, name):
+    last: dict[str, int] = {}
+    with (folder / f"{name}.mcap").open("rb") as file:
+        for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
+            assert message.sequence > last.get(channel.topic, -1), (channel.topic, message.log_time)
+            last[channel.topic] = message.sequence
+
+
+@pytest.mark.parametrize("name", ["base", "corrected"])
+def test_the_course_that_it_says_is_the_one_that_its_messages_have(folder, name):
+    with McapRecords(folder / f"{name}.mcap") as records:
+        (id_,) = (r.name.removeprefix(RUN_METADATA) for r in records.metadata if r.name.startswith(RUN_METADATA))
+        said = courses_of(records, id_)
+    tracks = api.open(folder / f"{name}.mcap").tracks
+    assert said.keys() == tracks.keys()
+    for marker, track in tracks.items():
+        assert [STATUSES[said[marker].number_at(index)] for index in track.frame] == list(track.status)
+        assert said[marker].runs()[-1] == (track.frame[-1] + 1, 0)
 
 
 def test_estimates_outside_the_stretches_are_those_of_the_base(folder, tracks):

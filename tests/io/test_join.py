@@ -279,7 +279,7 @@ def test_two_recordings_of_ours_and_a_third_keep_every_count(tmp_path: Path) -> 
     assert [r[1] for r in found] == sorted(r[1] for r in found)
     reader = make_reader((tmp_path / "out.mcap").open("rb"))
     names = [m.name for m in reader.iter_metadata()]
-    assert len(names) == len(set(names)) == 4
+    assert len(names) == len(set(names)) == 6
     summary = reader.get_summary()
     assert summary is not None
     schemas = [s.name for s in summary.schemas.values()]

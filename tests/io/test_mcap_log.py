@@ -82,7 +82,7 @@ def test_times_sequences_and_schemas_are_as_the_viewers_want_them(recorded):
         sequences[topic].append(message.sequence)
         if "timestamp" in decoded.DESCRIPTOR.fields_by_name:
             assert messages.stamp_of(decoded.timestamp) == message.log_time
-    assert all(s == list(range(1, len(s) + 1)) for s in sequences.values())
+    assert all(list(s) == sorted(set(s)) for s in sequences.values())
     assert max(Counter(schema.name for schema in summary.schemas.values()).values()) == 1
     told = {channel.topic: channel.metadata for channel in summary.channels.values() if channel.metadata}
     assert told == {"/camera/calibration": {"focal_sd": "0.03"}}

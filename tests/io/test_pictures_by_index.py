@@ -1,5 +1,6 @@
 """Any picture by its index is the frame that reading from the start gives: pixels, index and stamp."""
 
+import gc
 import random
 from collections.abc import Callable
 from fractions import Fraction
@@ -148,6 +149,24 @@ def test_packets_in_a_recording(tmp_path: Path) -> None:
     assert check(video_recording(tmp_path / "a.mcap")) == [0, 6, 12, 18]
 
 
+def test_going_from_group_to_group_leaves_no_picture_behind(tmp_path: Path) -> None:
+    """One that is tied to itself keeps its decoder's memory, until Python looks for such."""
+    with open_pictures(video_recording(tmp_path / "a.mcap"), held_bytes=1) as found:
+        gc.collect()
+        gc.disable()
+        gc.set_debug(gc.DEBUG_SAVEALL)
+        try:
+            for index in (19, 13, 7, 1):
+                assert found.frame(index) is not None
+            gc.collect()
+            left = [one for one in gc.garbage if isinstance(one, av.VideoFrame)]
+        finally:
+            gc.set_debug(0)
+            gc.garbage.clear()
+            gc.enable()
+    assert left == []
+
+
 def test_a_recording_without_its_index(tmp_path: Path) -> None:
     path = video_recording(tmp_path / "a.mcap")
     data = path.read_bytes()
@@ -159,7 +178,8 @@ def test_a_recording_without_its_index(tmp_path: Path) -> None:
 def test_an_index_that_leads_elsewhere_is_not_followed(tmp_path: Path, elsewhere: Callable[[Any], int]) -> None:
     path = video_recording(tmp_path / "a.mcap")
     with open_pictures(path) as found:
-        stamps, starts = found._index._messages.log_times, found._index._messages._start_of
+        located = found._index._messages._located(0)
+    stamps, starts = located.times, located.starts
     data, stamp = path.read_bytes(), stamps[7].to_bytes(8, "little")
     right = stamp + starts[7].to_bytes(8, "little")
     assert data.count(right) == 1

@@ -82,13 +82,19 @@ def test_markers_are_seeded_by_dragging_and_tracked(film: Path, serve: Serve, vi
     server = serve(film)
     hand = visit(server.url)
     x, y, r = wrist(0)
+    assert "drag from its centre outwards" in hand.said("#hint")
+    assert not hand.seen("#in-hand")
+    assert not hand.seen("#next-request")  # nothing is tracked yet
     hand.drag((x + 2, y - 2), (x + 2 + r, y))
     assert near(hand.snapped(), wrist(0))
+    assert hand.seen("#in-hand")
+    assert not hand.seen("#hint")
     hand.type("#marker-name", "wrist").press("Enter")
     hand.wait(lambda: "wrist" in hand.said("#markers"))
     hand.reload()  # a circle that was not saved is in the hand again
     assert near(hand.circle(), wrist(0))
     hand.click("#save").saved()
+    assert not hand.seen("#in-hand")
     assert near(answers_beside(film)[0].circle, wrist(0))
     assert answers_beside(film)[0].author == "ada"
 
@@ -248,8 +254,11 @@ def test_requests_are_seen_answered_tracked_again_and_written(recording: Path, s
     assert "Nothing is replaced yet" in hand.said("#trial-said")
     hand.reload()  # in the middle of a trial
     hand.wait(lambda: hand.seen("#trial"))
+    assert "wrist, new" in hand.said("#lane-names")
+    assert not hand.seen("#trial-doubt")
     hand.click("#accept")
     hand.wait(lambda: not hand.seen("#trial"))
+    assert "wrist, new" not in hand.said("#lane-names")
     hand.to_frame(100)
     hand.wait(lambda: "found and verified" in hand.said("#state"))
 
@@ -505,6 +514,7 @@ def test_pictures_for_the_docs(tmp_path: Path, serve: Serve, visit: Visit) -> No
     hand.page.locator("#proposals").scroll_into_view_if_needed()
     shot(hand, "proposals")
     hand.page.evaluate("document.querySelector('aside').scrollTop = 0")
+    hand.to_frame(0)
     seed(hand, place(0))
     hand.page.check("#show-mask")
     hand.click("#zoom-circle").click("#zoom-out").click("#zoom-out")

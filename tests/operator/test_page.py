@@ -14,11 +14,12 @@ from film import COUNT, SETTINGS, elbow, seeds, wrist
 import clips
 import spheremcap
 from spheremcap import api
-from spheremcap.config import load_seeds, load_settings
+from spheremcap.config import Settings, load_seeds, load_settings
 from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import OperatorRequest
 from spheremcap.core.marker import Answer, Hidden, Keep, Seed
 from spheremcap.errors import SourceError, UsageError
+from spheremcap.io.sources import FromMcap
 from spheremcap.operator.opened import Opened, Request
 from spheremcap.operator.page import Page, _free
 from spheremcap.operator.words import FAILED, asked
@@ -220,10 +221,10 @@ def test_a_stretch_is_shown_beside_the_old_one_before_anything_is_replaced(recor
     done(page)
     trial = page.trial_shown()
     assert trial["first"] <= 70
-    assert trial["first"] + len(trial["new"]) == COUNT
-    at = 100 - trial["first"]
-    assert abs(trial["new"][at][1][1] - wrist(100).y_px) < 1
-    assert abs(trial["old"][at][1][1] - 70) < 1  # the ball that it was taken for
+    assert trial["last"] == COUNT - 1
+    there = page.states(90, 110)
+    assert abs(there["trial"][10][1][1] - wrist(100).y_px) < 1
+    assert abs(there["states"]["wrist"][10][1][1] - 70) < 1  # the ball that it was taken for
     assert page.lanes()["lanes"] == was
     page.accept()
     assert page.trial_shown() is None
@@ -269,11 +270,11 @@ def test_the_new_recording_is_what_retrack_makes_of_the_same_file_byte_for_byte(
     page.answer("keep", "elbow", 90, {"to_frame": 109})
     page.track_again("wrist", 75)
     done(page)
-    shown = [state and state[1] for state in page.trial_shown()["new"]]
-    first = page.trial_shown()["first"]
+    first, last = page.trial_shown()["first"], page.trial_shown()["last"]
+    shown = [state and state[1] for state in page.states(first, last)["trial"]]
     page.accept()
     page.write()
-    assert done(page).endswith("out.2.mcap")
+    assert done(page) == "Wrote out.2.mcap with 2 answers"
     assert page.session()["written"] == "out.2.mcap"
     batch = recording.parent / "batch.mcap"
     api.retrack(recording, batch, load_seeds(recording.parent / "out.seeds.toml"))
@@ -301,7 +302,7 @@ def test_a_first_run_from_the_page_is_what_track_makes_of_the_same_files(film: P
     page.track()
     with pytest.raises(UsageError, match="wait until this has ended"):
         page.track()
-    assert done(page) == f"{COUNT} frames -> film.mcap"
+    assert done(page) == f"Tracked {COUNT} frames into film.mcap, with 1 request"
     batch = film.parent / "batch.mcap"
     folder = film.parent
     api.track(
@@ -312,6 +313,41 @@ def test_a_first_run_from_the_page_is_what_track_makes_of_the_same_files(film: P
     page.open_written()
     assert page.session()["kind"] == "recording"
     assert page.session()["seeds_file"] == "film.seeds.toml"
+
+
+def test_another_circle_where_the_track_began_is_refused_before_it_is_written(recording: Path, paged: Paged) -> None:
+    page = paged(recording)
+    elsewhere = {"x_px": 75.0, "y_px": 72.0, "r_px": 16.0}
+    with pytest.raises(UsageError, match="on the frame after it"):
+        page.answer("circle", "wrist", 0, elsewhere)
+    assert page.answers()["unwritten"] == 0
+    page.answer("circle", "wrist", 75, elsewhere)
+    page.answer("circle", "wrist", 75, elsewhere | {"x_px": 112.5})  # the later one counts
+    assert [a["x_px"] for a in page.answers()["answers"] if a["frame"] == 75] == [112.5]
+
+
+def test_of_a_recording_of_several_cameras_one_is_shown_and_answers_to_the_others_stay(
+    tmp_path: Path, paged: Paged
+) -> None:
+    log = clips.write_recording(tmp_path / "log.mcap", ["/front/image", "/left/image"])
+    first = [Seed(f"{camera}/orange", 0, clips.truth(clips.balls(0)[0])) for camera in ("front", "left")]
+    api.track(log, tmp_path / "out.mcap", Settings(), first, mcap=FromMcap(("/front/image", "/left/image")))
+    page = paged(tmp_path / "out.mcap")
+    assert (page.session()["cameras"], page.session()["camera_name"]) == (["front", "left"], "front")
+    page.answer("hidden", "orange", 3, {"to_frame": 4})
+    shown = page.pulse()["shows"]
+    page.choose_camera("left")
+    assert page.pulse()["shows"] != shown
+    assert [a["marker"] for a in page.answers()["answers"]] == ["orange"]
+    assert page.answers()["unwritten"] == 0
+    page.answer("hidden", "orange", 6, {"to_frame": 6})
+    assert page.states(6, 6)["states"]["orange"][0][4]
+    with pytest.raises(UsageError, match="there are front, left"):
+        page.choose_camera("right")
+    saved = [(a.marker, a.frame_index) for a in load_seeds(tmp_path / "out.seeds.toml")]
+    assert sorted(saved) == [("front/orange", 0), ("front/orange", 3), ("left/orange", 0), ("left/orange", 6)]
+    page.write()
+    assert done(page) == "Wrote out.2.mcap with 2 answers"
 
 
 def test_a_job_can_be_stopped_and_one_that_fails_says_why(film: Path, paged: Paged) -> None:
@@ -361,7 +397,7 @@ def test_a_log_with_pictures_is_tracked_into_another_file(tmp_path: Path, paged:
     circle = clips.truth(clips.balls(3)[0])
     page.answer("circle", "orange", 3, dict(zip(("x_px", "y_px", "r_px"), circle, strict=True)))
     page.track()
-    assert done(page) == "16 frames -> log.tracked.mcap"
+    assert done(page) == "Tracked 16 frames into log.tracked.mcap, with 0 requests"
     page.open_written()
     page._reading.join(30)
     assert page.session()["first"] == 0

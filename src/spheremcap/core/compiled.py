@@ -31,8 +31,12 @@ def array(scalar: Any, dims: int) -> Any:
     return numba.types.Array(scalar, dims, "C", readonly=True)
 
 
-_ROOMS_LAST = "spheremcap.tracking.follower, spheremcap.verification.matching, spheremcap.positioning.kalman"
-_HELPS = "SPHEREMCAP_COMPILES_BESIDE"  # set for the second process, which neither says so nor starts a third
+_ROOMS = (
+    "spheremcap.session",
+    "spheremcap.tracking.follower, spheremcap.verification.matching, spheremcap.positioning.kalman",
+)
+"""What two processes compile side by side: all, and those to which the first comes last."""
+_HELPS = "SPHEREMCAP_COMPILES_BESIDE"  # set for these processes, which neither say so nor start others
 
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz"}}
 # Sums may be taken in any order, which lets them run in vector registers; NaN and infinity keep their meaning.
@@ -49,31 +53,37 @@ def finite(value):
 
 
 class _Notice:
-    """One line for the person who waits, when it turns out that the kernels have to be compiled; and a second process
-    that compiles the rooms which this one comes to last, since a process compiles one kernel at a time."""
+    """One line for the person who waits, when it turns out that the kernels have to be compiled.
+
+    Compiling takes twice the memory of tracking, and a process compiles one kernel at a time: so two processes of their
+    own do it, and leave the kernels where this one loads them from.
+    """
 
     def __init__(self) -> None:
         self._since: float | None = None
-        self._helper: subprocess.Popen[bytes] | None = None
 
-    def missed(self, started: float, kept: bool) -> None:
-        """A kernel had to be compiled; `kept` says whether what another process compiles can be loaded by this one."""
+    def compile_beside(self) -> None:
+        """Have all kernels compiled, once, and wait for it. What cannot be had so is compiled by this process."""
+        if self._since is not None or _HELPS in os.environ:
+            return
+        self.missed(time.monotonic())
+        silent = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+        environment = {**os.environ, _HELPS: "1"}
+        with suppress(OSError):
+            words = ([sys.executable, "-c", f"import {rooms}"] for rooms in _ROOMS)
+            for helper in [subprocess.Popen(some, env=environment, **silent) for some in words]:
+                helper.wait()
+
+    def missed(self, started: float) -> None:
+        """A kernel had, or has, to be compiled."""
         if self._since is not None or _HELPS in os.environ:
             return
         self._since = started
         print("spheremcap: compiling for this machine, once; this takes about a minute", file=sys.stderr, flush=True)
-        if kept:
-            with suppress(OSError):
-                self._helper = subprocess.Popen(
-                    [sys.executable, "-c", f"import {_ROOMS_LAST}"], env={**os.environ, _HELPS: "1"},
-                    stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                )  # fmt: skip
 
     def done(self) -> None:
         """All kernels are there; say how long it took, if it took anything."""
         if self._since is not None:
-            if self._helper is not None:
-                self._helper.wait()
             spent = time.monotonic() - self._since
             print(f"spheremcap: compiled in {spent:.0f} s", file=sys.stderr, flush=True)
             self._since = None
@@ -105,18 +115,20 @@ def kernel(result: Any, *parameters: Any, at_import: bool = True) -> Callable[[C
     def compile_now(function: Callable[..., Any]) -> Any:
         started = time.monotonic()
         with _kept_for(function) as kept:
-            dispatcher = numba.njit(signature, cache=kept, **_OPTIONS)(function)
+            if kept is not None and at_import and not numba.config.DISABLE_JIT and not _is_kept(function, kept):
+                notice.compile_beside()
+            dispatcher = numba.njit(signature, cache=kept is not None, **_OPTIONS)(function)
         if not numba.config.DISABLE_JIT and not dispatcher.stats.cache_hits:
-            notice.missed(started, kept)
+            notice.missed(started)
         return dispatcher
 
     return compiled
 
 
 @contextmanager
-def _kept_for(function: Callable[..., Any]) -> Iterator[bool]:
+def _kept_for(function: Callable[..., Any]) -> Iterator[Path | None]:
     """Where numba keeps this kernel: in a folder named after the files whose loops go into it, since numba itself looks
-    only at the kernel's own file. Beside the package, else with the user's caches; False where neither can be written.
+    only at the kernel's own file. Beside the package, else with the user's caches; None where neither can be written.
     """
     stamp = hashlib.sha256()
     for name in sorted(_files_of(finite.py_func, set()) | _files_of(function, set())):
@@ -134,11 +146,17 @@ def _kept_for(function: Callable[..., Any]) -> Iterator[bool]:
         if os.access(folder, os.W_OK):
             numba.config.CACHE_DIR = str(folder)
             try:
-                yield True
+                yield folder
             finally:
                 numba.config.CACHE_DIR = before
             return
-    yield False
+    yield None
+
+
+def _is_kept(function: Callable[..., Any], folder: Path) -> bool:
+    """Whether a compiled version of it is there, for whatever machine."""
+    line = function.__code__.co_firstlineno
+    return any(folder.glob(f"*/*.{function.__name__}-{line}.py*.nbi"))
 
 
 def _files_of(function: Callable[..., Any], seen: set[Any]) -> set[str]:

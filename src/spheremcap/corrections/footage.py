@@ -18,8 +18,8 @@ from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.pictures import Pictures, open_pictures, recorded_pictures
 from spheremcap.io.sources import fingerprint
 
-_HELD_BYTES = 24 << 20
-"""Decoded pictures that are kept, for going backwards: 17 of 1280x720."""
+_HELD_PICTURES, _HELD_BYTES = 24, 24 << 20
+"""Decoded pictures that are kept, for going backwards: so many, or as many as that takes: 17 of 1280x720."""
 
 
 class Footage:
@@ -38,7 +38,7 @@ class Footage:
         own = _own_pictures(run, records)
         beside = records.path.parent / run.facts.get("input_name", "")
         if source is None and own is not None and own.exact:
-            self.pictures = recorded_pictures(records, own.topic, own.time, _HELD_BYTES)
+            self.pictures = _recorded(records, own)
             return
         path = source or beside
         if source is None and not _fits(path, run.facts):
@@ -50,7 +50,7 @@ class Footage:
             self.note = (
                 f"tracked on the recording's own pictures, which were encoded once: {beside.name} is not beside it"
             )
-            self.pictures = recorded_pictures(records, own.topic, own.time, _HELD_BYTES)
+            self.pictures = _recorded(records, own)
             return
         if not checked:
             if not _fits(path, run.facts):
@@ -60,10 +60,9 @@ class Footage:
         rate = run.facts.get("rate")
         topic, time = run.facts.get("image_topic"), cast(TimeBase, run.facts.get("image_time", "header"))
         self.pictures = files.enter_context(
-            open_pictures(
-                path, topic=topic, time=time, rate=None if rate is None else Fraction(rate), held_bytes=_HELD_BYTES
-            )
+            open_pictures(path, topic=topic, time=time, rate=None if rate is None else Fraction(rate))
         )
+        _hold_few(self.pictures)
 
     @property
     def path(self) -> Path:
@@ -97,6 +96,17 @@ class _Own:
     topic: str
     time: TimeBase
     exact: bool
+
+
+def _recorded(records: McapRecords, own: _Own) -> Pictures:
+    pictures = recorded_pictures(records, own.topic, own.time)
+    _hold_few(pictures)
+    return pictures
+
+
+def _hold_few(pictures: Pictures) -> None:
+    size = pictures.width_px * pictures.height_px * 3 // 2
+    pictures.held_bytes = min(_HELD_BYTES, _HELD_PICTURES * size)
 
 
 def _own_pictures(run: Run, records: McapRecords) -> _Own | None:

@@ -23,6 +23,7 @@ from spheremcap.corrections.run import (
 )
 from spheremcap.corrections.told import lost_marker, said, told_of
 from spheremcap.errors import UsageError
+from spheremcap.io.course import ANSWERED_METADATA, COURSE_METADATA, course_lines
 from spheremcap.io.join import OutMessage
 from spheremcap.io.mcap_log import OUTCOME_METADATA, RUN_METADATA
 from spheremcap.io.mcap_records import McapRecords, Piece
@@ -172,9 +173,11 @@ def _write_facts(records: McapRecords, done: _Done, writer: ChunkWriter) -> dict
         lines += [f"{one.marker}: {said(hidden)}" for one in found.values() for hidden in one.hidden]
         facts = {key: told for key, told in run.own_facts.items() if key != ANSWERS}
         writer.add_metadata(RUN_METADATA + renamed[run.id], facts | ({ANSWERS: "; ".join(lines)} if lines else {}))
+    names = {COURSE_METADATA + old: COURSE_METADATA + new for old, new in renamed.items()}
+    anew = {prefix + old for old in renamed for prefix in (RUN_METADATA, ANSWERED_METADATA)}
     for record in records.metadata:
-        if record.name.removeprefix(RUN_METADATA) not in renamed and not record.name.startswith(OUTCOME_METADATA):
-            writer.add_metadata(record.name, record.metadata)
+        if record.name not in anew and not record.name.startswith(OUTCOME_METADATA):
+            writer.add_metadata(names.get(record.name, record.name), record.metadata)
     for place, attachment in enumerate(records.attachments()):
         if place in seeds:
             attachment = replace(attachment, data=seeds[place].encode())
@@ -204,6 +207,8 @@ def _write_outcomes(
                 lines = _lost_at_the_end(run, one, rewriting, place, lines)
             facts["lost"] = "; ".join(lines)
             lost += lines
+            if lines_of_course := course_lines(rewriting.courses):
+                writer.add_metadata(ANSWERED_METADATA + renamed[id_], lines_of_course)
         facts["complete"] = "no" if stopped else facts.get("complete", "yes")
         writer.add_metadata(OUTCOME_METADATA + renamed.get(id_, id_), facts)
     return lost

@@ -12,8 +12,9 @@ from spheremcap.corrections.run import Run
 from spheremcap.corrections.told import Request, answered, key_of, said, told_of
 from spheremcap.io import _pb, messages, overlays
 from spheremcap.io.annotations import Annotations
+from spheremcap.io.course import Course
 from spheremcap.io.join import OutMessage
-from spheremcap.io.mcap_log import TRAIL_NS, Scene, debug_messages, marker_messages, schema_id
+from spheremcap.io.mcap_log import SEQUENCES_A_FRAME, TRAIL_NS, Scene, debug_messages, marker_messages, schema_id
 from spheremcap.io.mcap_records import McapRecords, Piece, RawMessage
 from spheremcap.io.messages import Message
 from spheremcap.io.recording import request_of
@@ -60,8 +61,11 @@ class Rewriting:
         self._scene, self._scene_number = Scene(run.specs, self._topics.optical_frame), -1
         self._told = self._answered(records, answers)
         self._log = self._log_lines()
+        self._sequences = Counter[int]()
         self.statuses = {name: Counter[Status]() for name in corrected}
         """By how much the numbers of frames change."""
+        self.courses = {name: Course() for name in corrected}
+        """What the answers have made of the frames that they changed."""
 
     @property
     def open_requests(self) -> int:
@@ -137,24 +141,25 @@ class Rewriting:
         after, base = self.estimates(number), self._states.at(index)
         yield self._replaced(raw)
         drawn = self._annotations.of(stamp, after.values())
-        yield self._new(topics.annotations, log_time, stamp, drawn)
+        yield self._new(topics.annotations, index, log_time, stamp, drawn)
         results = {name: stands[index] for name, stands in standing.items() if isinstance(stands, Stretch)}
         for name in (name for name in standing if name in after):
             poses = results[name].smoothed if name in results else ()
             for topic, message in marker_messages(after[name], next(iter(poses), None), topics):
-                yield self._new(topic, log_time, stamp, message)
+                yield self._new(topic, index, log_time, stamp, message)
             self.statuses[name][after[name].status] += 1
+            self.courses[name].add(index, after[name].status.value)
             if name in base:
                 self.statuses[name][base[name].status] -= 1
         yield from self._scene_of(number, log_time, stamp)
         for result in results.values():
             for request in result.requests:
                 known = replace(request, answered=self._told.get(key_of(request), ""))
-                yield self._new(topics.requests, log_time, stamp, messages.request(known))
+                yield self._new(topics.requests, index, log_time, stamp, messages.request(known))
             for topic, message in debug_messages(result, topics):
-                yield self._new(topic, log_time, stamp, message)
+                yield self._new(topic, index, log_time, stamp, message)
         for text in self._log.get(index, ()):
-            yield self._new(topics.log, log_time, stamp, messages.log(stamp, "INFO", text))
+            yield self._new(topics.log, index, log_time, stamp, messages.log(stamp, "INFO", text))
 
     def _scene_of(self, number: int, log_time: int, stamp_ns: int) -> Iterator[OutMessage]:
         """All markers in space, where a path of theirs has changed; what was a second before is followed too."""
@@ -169,7 +174,7 @@ class Rewriting:
         self._scene_number = number
         scene = self._scene.after(stamp_ns, self.estimates(number).values())
         if scene is not None:
-            yield self._new(self._topics.scene, log_time, stamp_ns, scene)
+            yield self._new(self._topics.scene, states.index(number), log_time, stamp_ns, scene)
 
     def _request(self, raw: RawMessage) -> Iterator[OutMessage]:
         request = request_of(raw)
@@ -179,7 +184,7 @@ class Rewriting:
             return
         yield self._replaced(raw)
         message = messages.request(replace(request, answered=text))
-        yield self._new(raw.channel.topic, raw.log_time, raw.publish_time, message)
+        yield self._new(raw.channel.topic, request.raised_at_frame_index, raw.log_time, raw.publish_time, message)
 
     def _overview(self, raw: RawMessage, index: int) -> Iterator[OutMessage]:
         frame = None if self._footage is None else self._footage.at(index)
@@ -189,13 +194,15 @@ class Rewriting:
             step = overlays.overview_step(frame.width_px)
             drawn = overlays.overview_picture(frame.reduced(step), step, self.estimates(number).values())
             message = messages.image(raw.publish_time, drawn, self._topics.debug_frame)
-            yield self._new(raw.channel.topic, raw.log_time, raw.publish_time, message)
+            yield self._new(raw.channel.topic, index, raw.log_time, raw.publish_time, message)
 
-    def _new(self, topic: str, log_time: int, stamp_ns: int, message: Message) -> OutMessage:
-        """A message that rests on an answer, on a channel of its own."""
+    def _new(self, topic: str, index: int, log_time: int, stamp_ns: int, message: Message) -> OutMessage:
+        """A message of frame `index` that rests on an answer, on a channel of its own."""
         writer = self._writer
         channel = writer.register_channel(topic, "protobuf", schema_id(writer, type(message)), dict(ANSWERED))
-        return OutMessage(log_time, stamp_ns, 0, channel, message.SerializeToString())
+        behind_others = SEQUENCES_A_FRAME * index + SEQUENCES_A_FRAME // 2
+        self._sequences[channel] = max(self._sequences[channel], behind_others) + 1
+        return OutMessage(log_time, stamp_ns, self._sequences[channel], channel, message.SerializeToString())
 
     def _replaced(self, raw: RawMessage) -> OutMessage:
         """A message that an answer has put others in the place of: it is kept beside them."""

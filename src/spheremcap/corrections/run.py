@@ -23,7 +23,7 @@ from spheremcap.stretch import KeepView, Terms, base_seeds
 ANSWERS = "answers"
 """The line of a run's metadata that says what was answered."""
 SEEDS, SETTINGS = "seeds.toml", "settings.toml"
-_HELD_BYTES = 16 << 20  # decompressed chunks that are kept: what is asked for lies close together
+_HELD_BYTES = 4 << 20  # decompressed chunks that are kept: what is asked for lies close together
 ViewKeeper = Callable[[Settings], KeepView]
 
 

@@ -165,8 +165,9 @@ def _root(frame_id: str, parents: dict[str, str]) -> str:
 
 def _rate_hz(records: McapRecords, topic: str) -> float:
     """Messages a second, 0 when there are no two."""
-    times = records.index_of(topic).log_times
-    return (len(times) - 1) * NS_PER_S / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 0.0
+    index = records.index_of(topic)
+    span_ns = index.log_time(len(index) - 1) - index.log_time(0) if len(index) > 1 else 0
+    return (len(index) - 1) * NS_PER_S / span_ns if span_ns > 0 else 0.0
 
 
 def _numbers(records: McapRecords, topic: str) -> tuple[str, ...]:

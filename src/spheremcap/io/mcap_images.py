@@ -250,6 +250,11 @@ class McapImageSource:
             yield frame
         self.lost.file = self._damage()
 
+    def forget_first(self) -> None:
+        """Let go of the first picture and its decoder, which `frames` would go on with: who looks pictures up by their
+        number has no use for them."""
+        self._pending = None
+
     # --- opening ---
 
     def _chosen(self, topic: str | None) -> str:
@@ -528,7 +533,9 @@ class McapImageSource:
                 self._miss(index, stamp_ns, "it is damaged, or made from a damaged one")
                 continue
             self.lost.damaged += bool(picture.is_corrupt)
-            if self._of_video is None:
+            if (
+                self._of_video is None
+            ):  # asking a picture for its side data ties it to itself: one alone is kept by that
                 self._of_video = DecodedPictures(picture)
             try:
                 frame = self._of_video.frame(index, stamp_ns, picture, copied=True)

@@ -26,6 +26,7 @@ from spheremcap.errors import OutputError, UsageError
 from spheremcap.io import messages, overlays
 from spheremcap.io.annotations import Annotations
 from spheremcap.io.calibration import channel_metadata
+from spheremcap.io.course import COURSE_METADATA, Course, course_lines
 from spheremcap.io.messages import LEVELS, Fields, LogLevel, Message
 from spheremcap.io.output import VERSION, Compression, SharedWriter, open_output
 from spheremcap.io.topics import Topics
@@ -38,6 +39,9 @@ STATIC_PERIOD_NS = 2_000_000_000
 SCENE_PERIOD_NS = 15_000_000
 """At most one scene a period: viewers draw 60 a second, and trails at 240 would outweigh the video."""
 TRAIL_NS = 1_000_000_000
+SEQUENCES_A_FRAME = 16
+"""A message's sequence number is its frame's number times this, and a count from 1: numbers rise within a topic, also
+where a person's answers put messages between those that are there (they count from half of it on)."""
 
 
 class SchemaSink(Protocol):
@@ -156,11 +160,13 @@ class McapLog:
             self._sink = target
         self._channels: dict[str, int] = {}
         self._sequences: dict[str, int] = {}
+        self._frame_index = 0
         self._last_ns: int | None = None
         self._next_static_ns: int | None = None
         self._scene = Scene(markers, self.topics.optical_frame)
         self._pending_log: list[tuple[int, int, int, LogLevel, str]] = []
         self._log_count = 0
+        self._courses = {marker.name: Course() for marker in markers}
         self._closed = False
         size_px = picture_px if camera is None else (camera.width_px, camera.height_px)
         self._annotations = Annotations({name: number for name, (number, _) in self.markers.items()}, size_px)
@@ -179,6 +185,7 @@ class McapLog:
         publish time, and its log time is the one before.
         """
         stamp, topics, optical = result.stamp_ns, self.topics, self.topics.optical_frame
+        self._frame_index = result.frame_index
         self._write_log_until(stamp)
         self._begin(stamp)
         self._write_static(stamp)
@@ -187,16 +194,18 @@ class McapLog:
                 self._add(topics.video, stamp, messages.video(stamp, picture, optical))
             else:
                 self._add(topics.image, stamp, messages.image(stamp, picture, optical))
+        for request in result.requests:
+            self._add(topics.requests, stamp, messages.request(request))
         self._add(topics.annotations, stamp, self._annotations.of(stamp, result.estimates))
         smoothed = {pose.marker: pose for pose in result.smoothed}
         for estimate in result.estimates:
             for topic, message in marker_messages(estimate, smoothed.get(estimate.marker), topics):
                 self._add(topic, stamp, message)
+            course = self._courses.setdefault(estimate.marker, Course())
+            course.add(estimate.frame_index, estimate.status.value)
         scene = self._scene.after(stamp, result.estimates)
         if scene is not None:
             self._add(topics.scene, stamp, scene)
-        for request in result.requests:
-            self._add(topics.requests, stamp, messages.request(request))
         for topic, message in debug_messages(result, topics):
             self._add(topic, stamp, message)
         if overview is not None:
@@ -263,6 +272,7 @@ class McapLog:
         self._write_log_until(None)
         self._begin(self._last_ns or 0)
         if self.run is not None:
+            self._sink.add_metadata(COURSE_METADATA + self.run.id, course_lines(self._courses))
             facts = dict(outcome) | {"complete": "yes" if complete else "no"}
             self._sink.add_metadata(OUTCOME_METADATA + self.run.id, facts)
 
@@ -291,7 +301,8 @@ class McapLog:
             channel = self._channels[topic] = self._sink.register_channel(topic, "protobuf", schema, metadata or {})
         if stamp_ns < 0:
             raise UsageError(f"stamp {stamp_ns} ns is before 1970, which MCAP cannot hold: give a --start-time")
-        self._sequences[topic] = sequence = self._sequences.get(topic, 0) + 1
+        sequence = max(self._sequences.get(topic, 0), SEQUENCES_A_FRAME * self._frame_index) + 1
+        self._sequences[topic] = sequence
         self._last_ns = log_time = max(stamp_ns, self._last_ns or 0)
         self._sink.add_message(channel, log_time, message.SerializeToString(), stamp_ns, sequence)
 

@@ -18,9 +18,11 @@ import sys
 import threading
 import zlib
 from array import array
+from bisect import bisect_left, bisect_right
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
@@ -42,6 +44,7 @@ _HELD_BYTES = 64 << 20  # decompressed chunks kept at once; beyond it they are r
 _RUN_BYTES = 1 << 20  # messages outside chunks are taken in runs of this size
 LARGEST_CHUNK_BYTES = 128 << 20
 _LARGEST_UNKNOWN = 4 << 30  # a record of a kind that is not known is believed in up to this size
+_LOCATED_SPANS = 8  # of which it is known where each message is, of one index
 _CHAIN = 3  # records that must follow each other before a place counts as found again
 
 
@@ -588,19 +591,42 @@ class McapRecords:
         return block[:length]
 
 
+class _Span(NamedTuple):
+    """Pieces whose messages lie between each other in time, most often one: their numbers, log times from-to, and how
+    many of the messages come before them."""
+
+    pieces: tuple[int, ...]
+    start: int
+    end: int
+    before: int
+
+
+class _Located(NamedTuple):
+    """Messages by log time: that, where each one's record starts in its piece, and the piece's number."""
+
+    times: "array[int]"
+    starts: "array[int]"
+    pieces: "array[int]"
+
+
 class MessageIndex:
-    """The messages of some channels by their number, from 0 by log time, each found and read in constant time."""
+    """The messages of some channels by their number, from 0 by log time, each found and read in constant time.
+
+    What is kept does not grow with the messages, only with the chunks: where the messages of a chunk are is read from
+    the index behind it when one of them is asked for.
+    """
 
     def __init__(self, records: McapRecords, channels: frozenset[int]) -> None:
         self._records = records
         self._channels = channels
+        self._located = lru_cache(_LOCATED_SPANS)(self._read_span)
         self._locate(trusting=True)
         counted = sum(records.counts.get(i, 0) for i in self._channels)
         if len(self) != counted:
             self._locate(trusting=False)
 
     def __len__(self) -> int:
-        return len(self.log_times)
+        return self._count
 
     def message(self, number: int) -> RawMessage:
         """The message with that number. Raises SourceError where the file's index said so, and there is none."""
@@ -614,42 +640,103 @@ class MessageIndex:
             )
         return found
 
+    def log_time(self, number: int) -> int:
+        """The log time of a message, ns. Raises IndexError when there is none."""
+        span, place = self._place(number)
+        return self._located(span).times[place]
+
+    def before(self, log_time: int) -> int:
+        """How many messages are earlier: the number of the first that is not."""
+        return self._up_to(bisect_left(self._spans, log_time, key=lambda span: span.end), log_time, bisect_left)
+
+    def until(self, log_time: int) -> int:
+        """How many messages are not later."""
+        return self._up_to(bisect_right(self._spans, log_time, key=lambda span: span.end), log_time, bisect_right)
+
+    def _up_to(self, span: int, log_time: int, cut: Callable[["array[int]", int], int]) -> int:
+        """By the first span that does not end before that time."""
+        if span == len(self._spans):
+            return self._count
+        return self._spans[span].before + cut(self._located(span).times, log_time)
+
+    def _place(self, number: int) -> tuple[int, int]:
+        """The span of a message, and its place in there."""
+        if not 0 <= number < self._count:
+            raise IndexError(f"there is no message {number}")
+        span = bisect_right(self._spans, number, key=lambda one: one.before) - 1
+        return span, number - self._spans[span].before
+
     def _message(self, number: int) -> RawMessage | None:
-        if number >= len(self):
+        if number >= self._count:
             return None
-        piece = self._records._pieces[self._piece_of[number]]
-        start, data = int(self._start_of[number]), self._records._load(piece, report=True)
+        span, place = self._place(number)
+        located = self._located(span)
+        if place >= len(located.times):
+            return None
+        log_time = located.times[place]
+        if not self._spans[span].start <= log_time <= self._spans[span].end:
+            return None
+        piece, start = self._records._pieces[located.pieces[place]], located.starts[place]
+        data = self._records._load(piece, report=True)
         if start + _HEADER.size + _MESSAGE.size > len(data):
             return None
         opcode, length = _HEADER.unpack_from(data, start)
         body, end = start + _HEADER.size, start + _HEADER.size + length
         if opcode != Opcode.MESSAGE or length < _MESSAGE.size or end > len(data):
             return None
-        channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, body)
-        if channel_id not in self._channels or log_time != self.log_times[number]:
+        channel_id, sequence, stored_time, publish_time = _MESSAGE.unpack_from(data, body)
+        if channel_id not in self._channels or stored_time != log_time:
             return None
         channel = self._records.channels[channel_id]
         return RawMessage(channel, sequence, log_time, publish_time, bytes(data[body + _MESSAGE.size : end]))
 
     def _locate(self, trusting: bool) -> None:
-        pieces = sorted(enumerate(self._records._pieces), key=lambda numbered: numbered[1].offset)
-        times, starts, piece_of = array("Q"), array("Q"), array("I")
-        for number, piece in pieces:
+        """Go through the pieces; `trusting`, what the file says of them, else what is in them."""
+        self._trusting = trusting
+        self._located.cache_clear()
+        spans: list[_Span] = []
+        last, count = -1, 0  # offset of the last piece in the last span; messages so far
+        for start, end, offset, number, own in sorted(self._pieces_with(trusting)):
+            if spans and (start < spans[-1].end or (start == spans[-1].end and offset < last)):
+                both = spans.pop()
+                spans.append(_Span((*both.pieces, number), both.start, max(end, both.end), both.before))
+                last = max(last, offset)
+            else:
+                spans.append(_Span((number,), start, end, count))
+                last = offset
+            count += own
+        self._spans, self._count = spans, count
+
+    def _pieces_with(self, trusting: bool) -> Iterator[tuple[int, int, int, int, int]]:
+        """Of each piece with messages of ours: first and last log time, offset, number, and how many they are."""
+        for number, piece in enumerate(self._records._pieces):
             if piece.channels is not None and piece.channels.isdisjoint(self._channels):
                 continue
-            found = self._stated(piece) if trusting else None
+            if trusting and piece.indexes is not None:
+                lengths = (piece.indexes[id_][1] for id_ in self._channels & piece.indexes.keys())
+                count, start, end = sum((length - 6) // 16 for length in lengths), piece.start, piece.end
+            else:
+                times = [log_time for log_time, _ in self._opened(piece)]
+                count, start, end = len(times), min(times, default=0), max(times, default=0)
+            if count:
+                yield start, end, piece.offset, number, count
+
+    def _read_span(self, number: int) -> _Located:
+        times, starts, pieces = array("Q"), array("Q"), array("I")
+        in_file = sorted(self._spans[number].pieces, key=lambda one: self._records._pieces[one].offset)
+        for of in in_file:
+            piece = self._records._pieces[of]
+            found = self._stated(piece) if self._trusting else None
             for log_time, start in self._opened(piece) if found is None else found:
                 times.append(log_time)
                 starts.append(start)
-                piece_of.append(number)
+                pieces.append(of)
         if any(a > b for a, b in itertools.pairwise(times)):
             order = sorted(range(len(times)), key=times.__getitem__)
-            times = array("Q", map(times.__getitem__, order))
-            starts = array("Q", map(starts.__getitem__, order))
-            piece_of = array("I", map(piece_of.__getitem__, order))
-        self.log_times = times
-        """Log time of each message, ns, never falling."""
-        self._start_of, self._piece_of = starts, piece_of
+            return _Located(
+                *(array(column.typecode, map(column.__getitem__, order)) for column in (times, starts, pieces))
+            )
+        return _Located(times, starts, pieces)
 
     def _stated(self, piece: Piece) -> list[tuple[int, int]] | None:
         """(log time, where the record starts in the chunk) by the indexes behind a chunk; None when it has none."""

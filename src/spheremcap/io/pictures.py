@@ -58,7 +58,9 @@ class Pictures:
         self.source = source
         self.width_px, self.height_px = source.width_px, source.height_px
         self.first_index = source.first_index
-        self._index, self._files, self._held_bytes = index, files, held_bytes
+        self.held_bytes = held_bytes
+        """Of decoded pictures that are kept."""
+        self._index, self._files = index, files
         self._held: OrderedDict[int, Frame] = OrderedDict()
         self._bytes = 0
         self._running: Iterator[Frame] = iter(())
@@ -140,7 +142,7 @@ class Pictures:
         before = self._held.pop(frame.index, None)
         self._held[frame.index] = frame
         self._bytes += _size(frame) - (_size(before) if before is not None else 0)
-        while self._bytes > self._held_bytes and len(self._held) > 1:
+        while self._bytes > self.held_bytes and len(self._held) > 1:
             self._bytes -= _size(self._held.popitem(last=False)[1])
 
     def _check(self, index: int) -> None:
@@ -234,6 +236,7 @@ class _Messages:
 
     def __init__(self, source: McapImageSource, records: McapRecords) -> None:
         self._source = source
+        source.forget_first()
         self._messages = records.index_of(source.topic)
         self.count = len(self._messages)
         self._keys: dict[int, bool] = {}

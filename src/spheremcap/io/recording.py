@@ -11,7 +11,7 @@ import os
 import re
 import tomllib
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -295,10 +295,12 @@ def open(path: str | os.PathLike[str]) -> Recording:
     )
 
 
-def iter_states(records: McapRecords) -> Iterator[StateRow]:
-    """Every marker on every frame, by log time, without keeping any; `records` counts those that do not decode."""
+def iter_states(records: McapRecords, topics: Collection[str] | None = None) -> Iterator[StateRow]:
+    """Every marker on every frame, by log time, without keeping any; `records` counts those that do not decode. Of the
+    `topics` of these states, or of all."""
     names = schema_names(records)
-    topics = {channel.topic for channel in records.channels.values() if names[channel.id] == STATE}
+    if topics is None:
+        topics = {channel.topic for channel in records.channels.values() if names[channel.id] == STATE}
     for raw in records.messages(topics):
         if names.get(raw.channel.id) == STATE:
             try:

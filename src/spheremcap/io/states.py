@@ -1,11 +1,12 @@
-"""A run's frames by their index: what its markers were on each before a person's answers, read where it is asked for.
+"""A run's frames by their index: what its markers were on each, read where it is asked for. `MarkerStates` has them as
+they stand, `FrameStates` as they were before a person's answers.
 
 Every frame of a run has one message of annotations, and from a marker's first circle on one state of it, to the last
 frame: so the n-th state from the end is of the n-th frame from the end, whatever frames were lost before. Where answers
 have put other messages in their place, the ones from before are under /replaced, and count.
 """
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -13,7 +14,7 @@ from spheremcap.core.estimate import MarkerEstimate
 from spheremcap.errors import SourceError
 from spheremcap.io import _pb
 from spheremcap.io.mcap_records import McapRecords, MessageIndex, RawMessage
-from spheremcap.io.recording import UNREADABLE, estimate_of
+from spheremcap.io.recording import UNREADABLE, StateRow, estimate_of, state_row
 from spheremcap.io.topics import ANSWERED, REPLACED, Topics
 
 _HELD_FRAMES = 512
@@ -45,7 +46,7 @@ class FrameStates:
         self._known = max(self._states.values(), key=len)
         if len(self._frames) == 0 or len(self._known) == 0:
             raise SourceError(f"{records.path}: nothing was tracked on {topics.annotations}: nothing to correct")
-        self.count = bisect_right(self._frames.log_times, self._known.log_times[-1])  # a last one may be cut off
+        self.count = self._frames.until(self._known.log_time(len(self._known) - 1))  # a last one may be cut off
         self._offset = self.count - len(self._known)  # frames before the first state of any marker
         if self._offset < 0:
             raise SourceError(f"{records.path}: has {self.count} frames and {len(self._known)} states of a marker")
@@ -72,15 +73,15 @@ class FrameStates:
 
     def log_time(self, number: int) -> int:
         """The log time of a frame's messages, ns."""
-        return self._frames.log_times[number]
+        return self._frames.log_time(number)
 
     def numbers_at(self, log_time: int) -> range:
         """The numbers of the frames with that log time: one, but where times did not rise."""
-        return range(bisect_left(self._frames.log_times, log_time), bisect_right(self._frames.log_times, log_time))
+        return range(self._frames.before(log_time), self._frames.until(log_time))
 
     def numbers_from(self, log_time: int) -> int:
         """The number of the first frame with that log time or a later one."""
-        return bisect_left(self._frames.log_times, log_time)
+        return self._frames.before(log_time)
 
     def stamp_ns(self, number: int) -> int:
         """When the frame was taken, ns."""
@@ -118,6 +119,53 @@ class FrameStates:
 
     def _before(self, topic: str) -> MessageIndex:
         return self._records.index_of_channels(channels_before(self._records, topic))
+
+
+class MarkerStates:
+    """One marker on a recording's frames as it stands, with all answers. For several threads."""
+
+    def __init__(self, records: McapRecords, topic: str) -> None:
+        self._records = records
+        self._messages = records.index_of(topic)
+
+    def first(self) -> StateRow | None:
+        """The first one that can be read; None where there is none."""
+        return next(filter(None, map(self._row, range(len(self._messages)))), None)
+
+    def between(self, first: int, last: int) -> dict[int, StateRow]:
+        """By frame index those from `first` to `last`, as far as they can be read."""
+        found: dict[int, StateRow] = {}
+        for number in range(self._from(first), len(self._messages)):
+            row = self._row(number)
+            if row is not None and row.frame_index > last:
+                break
+            if row is not None and row.frame_index >= first:
+                found[row.frame_index] = row
+        return found
+
+    def _from(self, frame_index: int) -> int:
+        """The number of the first message of that frame or a later one."""
+        numbers = range(len(self._messages))
+        if numbers and (guess := frame_index - self._frame(0)) in numbers and self._frame(guess) == frame_index:
+            return guess  # no frame was lost
+        return bisect_left(numbers, frame_index, key=self._frame)
+
+    def _frame(self, number: int) -> int:
+        """The frame of a message; of one that cannot be read, that of the one before."""
+        while number >= 0:
+            row = self._row(number)
+            if row is not None:
+                return row.frame_index
+            number -= 1
+        return -1
+
+    def _row(self, number: int) -> StateRow | None:
+        raw = self._messages.message(number)
+        try:
+            return state_row(raw.data, raw.log_time)
+        except UNREADABLE as error:
+            self._records.undecodable(raw.channel.topic, error)
+            return None
 
 
 def channels_before(records: McapRecords, topic: str) -> Iterable[int]:

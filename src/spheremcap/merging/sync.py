@@ -24,8 +24,6 @@ from fractions import Fraction
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
-from scipy.signal import fftconvolve, savgol_filter
 
 from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import SpheremcapError
@@ -159,6 +157,9 @@ def magnitude(stamp_ns: StampArray, vectors: FloatArray, left_out: BoolArray | N
 
 def _derived(stamp_ns: StampArray, xyz_m: FloatArray, order: int, config: SyncConfig) -> tuple[StampArray, FloatArray]:
     """The smoothed derivative of a track on an even grid of rate_hz; NaN in gaps and near their ends."""
+    from scipy.interpolate import CubicSpline  # 50 MB, for which only this room has use
+    from scipy.signal import savgol_filter
+
     good = (np.abs(xyz_m) < _BEYOND_MEASURE).all(axis=1)
     stamps, xyz = np.asarray(stamp_ns, np.int64)[good], xyz_m[good]
     keep = np.concatenate([[True], np.diff(stamps) > 0]) if len(stamps) else np.zeros(0, bool)
@@ -385,6 +386,8 @@ class _Pair:
         """R^2 of the target on a segment's features for every lag -reach..reach, and the segment's good
         samples.
         """
+        from scipy.signal import fftconvolve
+
         used: BoolArray = np.asarray(np.isfinite(features).all(axis=1))
         count = int(used.sum())
         if count < len(features) // 4 or count < 16:

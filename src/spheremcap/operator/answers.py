@@ -4,6 +4,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from secrets import token_hex
 
@@ -30,18 +31,24 @@ class AnswerFile:
 
     `given` are the answers that stand as long as there is no such file. An answer is known by its kind, marker and
     first frame: a later one of the same takes its place. `check` is asked of all of them before any is written. The
-    file is written beside itself, synced and renamed, so that it is whole whenever the machine goes down.
+    file is written beside itself, synced and renamed, so that it is whole whenever the machine goes down. Where the
+    file has the answers of several cameras, `place` is what the names of this one's markers begin with in there: only
+    they are seen and changed here, by their names without it.
 
     Raises SettingsError for a file that is damaged, OutputError for one that cannot be written.
     """
 
     def __init__(
-        self, path: Path, given: Sequence[Answer] = (), check: Callable[[Sequence[Answer]], None] = lambda answers: None
+        self,
+        path: Path,
+        given: Sequence[Answer] = (),
+        check: Callable[[Sequence[Answer]], None] = lambda answers: None,
+        place: str = "",
     ) -> None:
         self.path = path
         self.revision = 0
         """Grows with every change that is seen."""
-        self._given, self._check = tuple(given), check
+        self._given, self._check, self._place = tuple(given), check, place
         self._changing = threading.Lock()
         self._seen: tuple[int, int, int] | None = None
         self._answers: tuple[Answer, ...] = self._given
@@ -52,7 +59,18 @@ class AnswerFile:
         """All of them, in the order in which they were given; read anew where another program has changed the file."""
         with self._changing:
             self._read()
+            return tuple(self._own())
+
+    def everything(self) -> tuple[Answer, ...]:
+        """Those of all cameras, by the names that they have in the file."""
+        with self._changing:
+            self._read()
             return self._answers
+
+    def _own(self) -> list[Answer]:
+        """Those of this camera."""
+        own = (answer for answer in self._answers if answer.marker.startswith(self._place))
+        return [replace(answer, marker=answer.marker.removeprefix(self._place)) for answer in own]
 
     def put(self, answer: Answer) -> None:
         """Save an answer, in the place of the one before of the same kind, marker and first frame. Raises UsageError
@@ -79,14 +97,16 @@ class AnswerFile:
 
     def rename(self, marker: str, name: str) -> None:
         """Give a marker's answers another name."""
-        self._change(lambda there: [_renamed(a, name) if a.marker == marker else a for a in there])
+        self._change(lambda there: [replace(a, marker=name) if a.marker == marker else a for a in there])
 
     def _change(self, change: Callable[[Sequence[Answer]], Sequence[Answer]]) -> None:
         with self._changing, _alone(self.path.parent):
             self._read()
-            new = change(self._answers)
+            new = change(self._own())
             self._check(new)
-            write_durably(self.path, seeds_toml(new))
+            others = [answer for answer in self._answers if not answer.marker.startswith(self._place)]
+            named = [replace(answer, marker=self._place + answer.marker) for answer in new]
+            write_durably(self.path, seeds_toml([*others, *named]))
             self._read()
 
     def _read(self) -> None:
@@ -107,12 +127,6 @@ class AnswerFile:
 
 def _known_by(answer: Answer) -> tuple[str, str, int]:
     return kind_of(answer), answer.marker, answer.frame_index
-
-
-def _renamed(answer: Answer, name: str) -> Answer:
-    if isinstance(answer, Seed):
-        return Seed(name, answer.frame_index, answer.circle, answer.author, answer.time)
-    return type(answer)(name, answer.frame_index, answer.to_frame_index, answer.author, answer.time)
 
 
 @contextmanager

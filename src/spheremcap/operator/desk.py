@@ -13,8 +13,8 @@ from spheremcap.core.frame import Frame
 from spheremcap.errors import SpheremcapError
 from spheremcap.io.pictures import Pictures
 
-HELD_BYTES = 384 << 20
-"""Decoded pictures that the page keeps at hand: 280 of 1280x720."""
+HELD_BYTES = 192 << 20
+"""Decoded pictures that the page keeps at hand: 140 of 1280x720."""
 _AHEAD, _BEHIND = 60, 30  # pictures that are decoded around the last look
 
 Answer = Future[Frame | None]

@@ -1,25 +1,27 @@
-"""The time line: what a recording says of each marker on each frame, read in the background while the page is open."""
+"""The time line: what a recording says of each marker, and what is laid over it before it is written.
+
+The course of a marker, its status from frame to frame, is known for the whole recording. What else is said of a frame
+is read from the recording when that frame is looked at.
+"""
 
 import itertools
 import math
 import threading
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import MarkerEstimate, Status
+from spheremcap.io.course import Course
 from spheremcap.io.mcap_records import McapRecords
-from spheremcap.io.recording import StateRow, iter_states
+from spheremcap.io.recording import StateRow, iter_states, track_name
+from spheremcap.io.states import MarkerStates
+from spheremcap.stretch import Stretch
 
-CODES = ("", *(status.value for status in Status))
-"""Status by its number in a lane; 0 is a frame on which nothing is said."""
-_CODE = {name: number for number, name in enumerate(CODES)}
-_MEASURED = (_CODE["SEEDED"], _CODE["VERIFIED"])
-_ROWS_AT_ONCE = 512
+_ROWS_AT_ONCE = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,153 +35,141 @@ class State:
     reasons: tuple[str, ...]
 
 
-@dataclass
-class Lane:
-    """One marker on the frames `first` ... `first` + N - 1: arrays of (N,), circles (N, 3) in pixels, NaN for none."""
+class Layer(Protocol):
+    """What is said of a marker on some frames instead of what is below."""
 
-    first: int
-    status: npt.NDArray[np.uint8]
-    circle_px: npt.NDArray[np.float32]
-    distance_m: npt.NDArray[np.float32]
-    vote_sum: npt.NDArray[np.float32]
-    reasons: npt.NDArray[np.uint16]
-    _sets: list[tuple[str, ...]] = field(default_factory=lambda: [()])
-    _numbers: dict[tuple[str, ...], int] = field(default_factory=lambda: {(): 0})
-
-    @classmethod
-    def empty(cls, first: int, count: int) -> "Lane":
-        """Nothing is said on any of `count` frames."""
-        return cls(
-            first,
-            np.zeros(count, np.uint8),
-            np.full((count, 3), np.nan, np.float32),
-            np.full(count, np.nan, np.float32),
-            np.full(count, np.nan, np.float32),
-            np.zeros(count, np.uint16),
-        )
-
-    def __len__(self) -> int:
-        return len(self.status)
-
-    def holds(self, frame_index: int) -> bool:
-        """Whether the frame is one of the lane's."""
-        return 0 <= frame_index - self.first < len(self)
-
-    def put(self, frame_index: int, state: State | None) -> None:
-        """Set what is said on a frame of the lane's; None for nothing."""
-        at = frame_index - self.first
-        if state is None:
-            self.status[at] = 0
-            return
-        self.circle_px[at] = state.circle if state.circle is not None else math.nan
-        self.distance_m[at] = math.nan if state.distance_m is None else state.distance_m
-        self.vote_sum[at] = math.nan if state.vote_sum is None else state.vote_sum
-        if state.reasons not in self._numbers and len(self._sets) < 1 << 16:
-            self._numbers[state.reasons] = len(self._sets)
-            self._sets.append(state.reasons)
-        self.reasons[at] = self._numbers.get(state.reasons, 0)
-        self.status[at] = _CODE.get(state.status, 0)
+    @property
+    def course(self) -> Course: ...
 
     def state(self, frame_index: int) -> State | None:
-        """What is said on a frame; None where nothing is."""
-        if not self.holds(frame_index) or not self.status[at := frame_index - self.first]:
-            return None
-        x, y, r = map(float, self.circle_px[at])
-        return State(
-            CODES[self.status[at]],
-            None if math.isnan(r) else Circle(x, y, r),
-            _number(self.distance_m[at]),
-            _number(self.vote_sum[at]),
-            self._sets[self.reasons[at]],
-        )
+        """None on a frame of which it says nothing."""
 
-    def runs(self) -> list[tuple[int, int]]:
-        """(first frame, status code) of each run of one status."""
-        if not len(self):
-            return []
-        starts = np.flatnonzero(np.diff(self.status)) + 1
-        return [(self.first + int(at), int(self.status[at])) for at in (0, *starts)]
 
-    def measured_before(self, frame_index: int) -> int | None:
-        """The last frame before that one on which the marker was measured."""
-        found = np.flatnonzero(np.isin(self.status[: max(0, frame_index - self.first)], _MEASURED))
-        return self.first + int(found[-1]) if len(found) else None
+class HiddenLayer:
+    """A person said that the marker is not to be seen from `first` to `last`."""
 
-    def measured_from(self, frame_index: int) -> int | None:
-        """The first frame from that one on on which the marker was measured."""
-        start = max(0, frame_index - self.first)
-        found = np.flatnonzero(np.isin(self.status[start:], _MEASURED))
-        return self.first + start + int(found[0]) if len(found) else None
+    def __init__(self, first: int, last: int) -> None:
+        self._state = State(Status.OUT_OF_VIEW.value, None, None, None, ("hidden",))
+        self.course = Course.of(first, last, self._state.status)
+
+    def state(self, frame_index: int) -> State | None:
+        return self._state if self.course.number_at(frame_index) else None
+
+
+class StretchLayer:
+    """A stretch that was tracked again; its states are read from where it keeps them."""
+
+    def __init__(self, stretch: Stretch) -> None:
+        self.stretch = stretch
+        self._reading = threading.Lock()
+        self.course = Course()
+        for frame_index in stretch.frames:
+            self.course.add(frame_index, stretch.estimate(frame_index).status.value)
+
+    def state(self, frame_index: int) -> State | None:
+        with self._reading:
+            return state_of(self.stretch.estimate(frame_index)) if frame_index in self.stretch else None
+
+
+class Lane:
+    """One marker's part of the time line: `recorded`, and the layers over it, a later one over an earlier."""
+
+    def __init__(self, recorded: Course, states: MarkerStates) -> None:
+        self.recorded = recorded
+        self._states = states
+        self._layers: dict[Hashable, Layer] = {}
+
+    def lay(self, by: Hashable, layer: Layer) -> None:
+        """Put a layer over what is there, until `by` is taken away."""
+        self._layers = {known: one for known, one in self._layers.items() if known != by} | {by: layer}
+
+    def remove(self, by: Hashable) -> None:
+        """Take away a layer, if there is one: what is under it stands again."""
+        self._layers = {known: one for known, one in self._layers.items() if known != by}
+
+    @property
+    def course(self) -> Course:
+        """As it stands."""
+        course = self.recorded
+        for layer in self._layers.values():
+            course = course.under(layer.course)
+        return course
+
+    def states(self, first: int, last: int) -> list[State | None]:
+        """What is said on the frames from `first` to `last`; None for nothing."""
+        layers = list(reversed(self._layers.values()))
+        recorded = self._states.between(first, last)
+        found = []
+        for frame_index in range(first, last + 1):
+            over = next((state for layer in layers if (state := layer.state(frame_index)) is not None), None)
+            row = recorded.get(frame_index)
+            found.append(over if over is not None or row is None else state_of_row(row))
+        return found
 
 
 class Lanes:
-    """The lanes of all markers of a recording. `read` fills them; everything else may be asked meanwhile.
+    """The lanes of all markers of a recording that is open as `records`; `topics` are those of their states, by marker.
 
-    A correction lies over what the recording says, a later one over an earlier, until it is taken away.
+    `courses` are those that the recording says of itself; where it does not (None), `read` goes through it for them
+    while everything may be asked.
     """
 
-    def __init__(self, markers: Sequence[str], first: int, count: int) -> None:
-        self.by_marker = {marker: Lane.empty(first, count) for marker in markers}
-        self.known_to = first
+    def __init__(
+        self,
+        records: McapRecords,
+        topics: Mapping[str, str],
+        courses: Mapping[str, Course] | None,
+        first: int,
+        last: int,
+    ) -> None:  # fmt: skip
+        known = courses or {}
+        self.by_marker = {
+            marker: Lane(known.get(marker, Course()), MarkerStates(records, topic)) for marker, topic in topics.items()
+        }
+        self.known_to = first if courses is None else last + 1
         """Frames below are known."""
         self.revision = 0
-        self._recorded: dict[str, dict[int, State]] = {marker: {} for marker in markers}  # under corrections
-        self._over: dict[str, dict[Hashable, dict[int, State]]] = {marker: {} for marker in markers}
+        self._records, self._last = records, last
+        self._topics = frozenset(topics.values())
+        self._marker_of = {track_name(topic, marker): marker for marker, topic in topics.items()}
         self._changing = threading.Lock()
 
-    def read(
-        self, path: Path, name_of: Callable[[str], str], stop: Callable[[], bool], news: Callable[[], None]
-    ) -> None:
-        """Read a recording's states from the start to the end, or until `stop`; `name_of` is the lane of a track.
+    def read(self, stop: Callable[[], bool], news: Callable[[], None]) -> None:
+        """Read the courses of a recording that does not say them, from the start to the end, or until `stop`.
 
         `news` is called whenever there are more.
         """
-        with McapRecords(path) as records:
-            rows = iter_states(records)
-            while not stop() and (batch := list(itertools.islice(rows, _ROWS_AT_ONCE))):
-                with self._changing:
-                    for row in batch:
-                        self._take(name_of(row.marker), row.frame_index, state_of_row(row))
-                    self.known_to = max(self.known_to, batch[-1].frame_index + 1)
-                    self.revision += 1
-                news()
+        if self.known_to > self._last:
+            return
+        rows = iter_states(self._records, self._topics)
+        while not stop() and (batch := list(itertools.islice(rows, _ROWS_AT_ONCE))):
+            with self._changing:
+                for row in batch:
+                    self.by_marker[self._marker_of[row.marker]].recorded.add(row.frame_index, row.status)
+                self.known_to = max(self.known_to, batch[-1].frame_index + 1)
+                self.revision += 1
+            news()
+        if not stop():
+            self.known_to = self._last + 1
+            self.revision += 1
+            news()
 
-    def correct(self, marker: str, by: Hashable, states: Mapping[int, State]) -> None:
-        """Let `states`, by frame, stand over what is there, until `by` is taken away."""
+    def courses(self) -> dict[str, Course]:
+        """Each marker's course as it stands."""
         with self._changing:
-            lane, over = self.by_marker[marker], self._over[marker]
-            self._remove(marker, by)
-            for frame_index, state in states.items():
-                if lane.holds(frame_index):
-                    if not any(frame_index in layer for layer in over.values()):
-                        recorded = lane.state(frame_index)
-                        if recorded is not None:
-                            self._recorded[marker][frame_index] = recorded
-                    lane.put(frame_index, state)
-            over[by] = dict(states)
+            return {marker: lane.course for marker, lane in self.by_marker.items()}
+
+    def correct(self, marker: str, by: Hashable, layer: Layer) -> None:
+        """Let a layer stand over what is there, until `by` is taken away."""
+        with self._changing:
+            self.by_marker[marker].lay(by, layer)
             self.revision += 1
 
     def remove(self, marker: str, by: Hashable) -> None:
         """Take away a correction, if there is one: what is under it stands again."""
         with self._changing:
-            self._remove(marker, by)
+            self.by_marker[marker].remove(by)
             self.revision += 1
-
-    def _remove(self, marker: str, by: Hashable) -> None:
-        lane, over = self.by_marker[marker], self._over[marker]
-        for frame_index in over.pop(by, {}):
-            if lane.holds(frame_index):
-                under = [layer[frame_index] for layer in over.values() if frame_index in layer]
-                lane.put(frame_index, under[-1] if under else self._recorded[marker].pop(frame_index, None))
-
-    def _take(self, marker: str, frame_index: int, state: State) -> None:
-        lane = self.by_marker.get(marker)
-        if lane is None or not lane.holds(frame_index):
-            return
-        if any(frame_index in layer for layer in self._over[marker].values()):
-            self._recorded[marker][frame_index] = state
-        else:
-            lane.put(frame_index, state)
 
 
 def state_of_row(row: StateRow) -> State:

@@ -2,47 +2,41 @@
 
 import os
 import re
-import tomllib
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Literal, Protocol, Self, cast
+from typing import Any, Literal, Self, TypeVar, cast
 
 import tomli_w
 from pydantic import ValidationError
 
 from spheremcap.api import aspect_of, resolve_camera
-from spheremcap.config import CameraSettings, MarkerSettings, Settings, answers_in, load_settings
+from spheremcap.config import CameraSettings, MarkerSettings, Settings, load_settings
 from spheremcap.core.camera import Camera
 from spheremcap.core.estimate import OperatorRequest
 from spheremcap.core.frame import Frame
 from spheremcap.core.marker import Answer, Seed
+from spheremcap.corrections.run import Run, named_answers, runs_in
 from spheremcap.errors import SettingsError, SourceError, UsageError, short
 from spheremcap.io.calibration import read_camera_info
+from spheremcap.io.course import courses_of
 from spheremcap.io.input_file import is_recording
 from spheremcap.io.mcap_images import TimeBase
 from spheremcap.io.mcap_records import McapRecords
-from spheremcap.io.pictures import Pictures, open_pictures
-from spheremcap.io.recording import (
-    REQUEST,
-    STATE,
-    UNREADABLE,
-    request_of,
-    runs_of,
-    schema_names,
-    state_row,
-    track_name,
-)
+from spheremcap.io.pictures import Pictures, open_pictures, recorded_pictures
+from spheremcap.io.recording import STATE, UNREADABLE, request_of, schema_names
 from spheremcap.io.toml_file import first_problem, read_toml
-from spheremcap.io.topics import Topics
 from spheremcap.operator.answers import AnswerFile, write_durably
 from spheremcap.operator.desk import HELD_BYTES
 from spheremcap.operator.lanes import Lanes
 from spheremcap.session import check_answers
+from spheremcap.stretch import Stretch, base_seeds
 
 Kind = Literal["video", "log", "recording", "attended"]
+_Answer = TypeVar("_Answer", bound=Answer)
+_HELD_BYTES = 16 << 20  # decompressed chunks that are kept: what is looked at lies close together
 _NAME = re.compile(r"[A-Za-z0-9_]{1,100}", re.ASCII)
 
 
@@ -67,39 +61,13 @@ class Request:
         return False
 
 
-class Correction(Protocol):
-    """A stretch that stands over the recording: its circle, its states by frame, its requests."""
-
-    @property
-    def answer(self) -> Seed: ...
-
-    @property
-    def states(self) -> Container[int]: ...
-
-    @property
-    def requests(self) -> tuple[OperatorRequest, ...]: ...
-
-
-@dataclass(frozen=True)
-class _Ours:
-    """What a recording of ours says besides its messages."""
-
-    markers: tuple[str, ...]
-    root: str
-    settings: Settings
-    answers: tuple[Answer, ...]
-    requests: tuple[OperatorRequest, ...]
-    run: Mapping[str, str]
-    first: tuple[int, int]  # frame and stamp of the first state
-
-
 class Opened:
     """A file and all that the page says of it; closed with `close` or as a context manager.
 
-    `path` is a video, a folder of pictures, an MCAP with pictures or one of ours. Answers go into `answers`
-    (NAME.seeds.toml beside it unless `seeds` says another), the markers and the camera of what is not tracked yet into
-    NAME.settings.toml or `settings`; nothing else is written, and nothing outside of their folders. Frames are numbered
-    as the tracker numbers them.
+    `path` is a video, a folder of pictures, an MCAP with pictures or a recording of ours, of which the run of one
+    `camera` is shown (None: the first; `cameras` are all). Answers go into `answers` (NAME.seeds.toml beside it unless
+    `seeds` says another), the markers and the camera of what is not tracked yet into NAME.settings.toml or `settings`;
+    nothing else is written, and nothing outside of their folders. Frames are numbered as the tracker numbers them.
 
     `attended` are the settings of a run that is going on, whose questions the page shows; they stand.
 
@@ -115,55 +83,64 @@ class Opened:
         topic: str | None = None,
         rate: Fraction | None = None,
         attended: Settings | None = None,
+        camera: str | None = None,
     ) -> None:
         self.path = Path(path)
         self.topic, self.rate = topic, rate
-        self.kind: Kind = "video"
+        self.kind: Kind = "video" if attended is None else "attended"
         self.lanes: Lanes | None = None
-        ours = None
-        time: TimeBase = "header"
-        if attended is not None:
-            self.kind = "attended"
-        elif is_recording(self.path):
-            ours = _ours(self.path)
-            self.kind = "log" if ours is None else "recording"
-        if ours is not None:
-            topic = topic or _pictures_of(self.path, ours)
-            word = ours.run.get("time_source", "").split(" ", 1)[0]
-            time = cast(TimeBase, word) if word in ("log", "publish") and ours.run.get("image_topic") else "header"
-        self._topic, self._time = topic, time
+        self.cameras: tuple[str, ...] = ()
+        """Of a recording of ours that has several."""
+        self.camera_name = ""
+        """The one of them that is shown."""
+        self.given: tuple[Answer, ...] = ()
+        """Answers that the recording has."""
+        self.offset = 0
+        """Frame number of the tracker's less the picture's index."""
+        self._settings = attended
+        self._asked: tuple[OperatorRequest, ...] = ()
         stem = self.path.with_suffix("").name or self.path.name
         beside = self.path.resolve().parent
         self.settings_path = settings if settings is not None else beside / f"{stem}.settings.toml"
-        self._settings = ours.settings if ours is not None else attended
         with ExitStack() as files:
-            self.pictures = files.enter_context(
-                open_pictures(self.path, topic=topic, time=time, rate=rate, held_bytes=HELD_BYTES)
-            )
-            self.offset = 0 if ours is None else ours.first[0] - self._picture_at(ours.first[1])
-            """Frame number of the tracker's less the picture's index."""
+            runs: list[Run] = []
+            if attended is None and is_recording(self.path):
+                records = files.enter_context(McapRecords(self.path, held_bytes=_HELD_BYTES))
+                runs = _runs(records)
+                self.kind = "recording" if runs else "log"
+            if runs:
+                run = self._chosen(runs, camera)
+                self.pictures = _pictures_of(run, records)
+                self.offset = run.states.first_index - self._picture_at(run.states.stamp_ns(0))
+            else:
+                self.pictures = files.enter_context(
+                    open_pictures(self.path, topic=topic, rate=rate, held_bytes=HELD_BYTES)
+                )
             self.first, self.last = self.pictures.first_index + self.offset, self.pictures.count - 1 + self.offset
+            if runs:
+                self._settings, self.given = run.settings, tuple(run.answers)
+                self._asked = tuple(_requests_of(run, records))
+                topics = {spec.name: run.topics.state(spec.name) for spec in run.specs}
+                self.lanes = Lanes(records, topics, courses_of(records, run.id), self.first, self.last)
             self.answers = AnswerFile(
                 seeds if seeds is not None else beside / f"{stem}.seeds.toml",
-                ours.answers if ours is not None else (),
+                [answer for one in runs for answer in named_answers(one, runs)],
                 self._check,
+                f"{self.camera_name}/" if self.cameras else "",
             )
             self._files = files.pop_all()
-        self.root = ours.root if ours is not None else ""
-        if ours is not None:
-            self.given = ours.answers
-            self.lanes = Lanes(ours.markers, self.first, self.last - self.first + 1)
-            self._asked = ours.requests
-        else:
-            self.given = ()
-            self._asked = ()
         self._names = [marker.name for marker in self.markers] if attended is not None else []
         """Of a run that is going on: there will be no others."""
         self._camera: tuple[Settings, Camera, bool, str] | None = None
 
-    def name_of(self, track: str) -> str:
-        """The marker of a track, whatever its topics begin with."""
-        return track.removeprefix(f"{self.root}/")
+    def _chosen(self, runs: Sequence[Run], camera: str | None) -> Run:
+        """The run of that camera. Raises UsageError when there is none."""
+        names = [run.name for run in runs]
+        if len(runs) > 1:
+            self.cameras, self.camera_name = tuple(names), names[0] if camera is None else camera
+        if camera is not None and camera not in names:
+            raise UsageError(f"{self.path}: there is no camera {short(camera)}: there are {', '.join(names)}")
+        return runs[0 if camera is None else names.index(camera)]
 
     def __enter__(self) -> Self:
         return self
@@ -191,7 +168,7 @@ class Opened:
 
     def open_again(self) -> Pictures:
         """The same pictures for another thread."""
-        return open_pictures(self.path, topic=self._topic, time=self._time, rate=self.rate)
+        return open_pictures(self.path, topic=self.topic, rate=self.rate)
 
     def _picture_at(self, stamp_ns: int) -> int:
         index = self.pictures.index_at(stamp_ns)
@@ -300,7 +277,18 @@ class Opened:
 
     # --- answers and requests ---
 
+    def named(self, answer: _Answer) -> _Answer:
+        """An answer by the name that its marker has where the recording has several cameras."""
+        return replace(answer, marker=f"{self.camera_name}/{answer.marker}") if self.cameras else answer
+
     def _check(self, answers: Sequence[Answer]) -> None:
+        circles = {(a.marker, a.frame_index): a.circle for a in answers if isinstance(a, Seed)}
+        for seed in base_seeds(self.given):
+            if circles.get((seed.marker, seed.frame_index), seed.circle) != seed.circle:
+                raise UsageError(
+                    f"{seed.marker} was tracked from its circle on frame {seed.frame_index}: give the right one on the "
+                    "frame after it, or open the video and track it again"
+                )
         for answer in answers:
             last = answer.frame_index if isinstance(answer, Seed) else answer.to_frame_index
             if not self.first <= answer.frame_index <= last <= self.last:
@@ -317,21 +305,20 @@ class Opened:
         """The answers that the recording does not have yet; all, where nothing has been tracked."""
         return [answer for answer in self.answers.answers() if not any(_same(answer, one) for one in self.given)]
 
-    def asked(self, corrected: Iterable[Correction] = ()) -> list[Request]:
+    def asked(self, corrected: Iterable[Stretch] = ()) -> list[Request]:
         """The requests, as far as the time line is known: the recording's, but those that stretches stand over, whose
         own come in their place."""
         if self.lanes is None:
             return []
         requests = list(self._asked)
         for one in corrected:
-            over = one.answer.marker, one.states
-            requests = [r for r in requests if r.marker != over[0] or r.raised_at_frame_index not in over[1]]
+            requests = [r for r in requests if r.marker != one.marker or r.raised_at_frame_index not in one]
             requests += one.requests
-        found = []
+        courses, found = self.lanes.courses(), []
         for number, request in enumerate(sorted(requests, key=lambda r: (r.frame_index, r.marker))):
-            lane = self.lanes.by_marker[request.marker]
-            before = lane.measured_before(request.frame_index)
-            found.append(Request(number, request, before, lane.measured_from(request.raised_at_frame_index)))
+            course = courses[request.marker]
+            before = course.measured_before(request.frame_index)
+            found.append(Request(number, request, before, course.measured_from(request.raised_at_frame_index)))
         return found
 
 
@@ -346,52 +333,27 @@ def _said(answer: Answer) -> tuple[Any, ...]:
     return type(answer).__name__, answer.marker, answer.frame_index, answer.to_frame_index
 
 
-def _ours(path: Path) -> _Ours | None:
-    """What a recording of ours says; None for one without markers. Reads no more than that takes."""
-    with McapRecords(path) as records:
-        names = schema_names(records)
-        states = {c.topic for c in records.channels.values() if names[c.id] == STATE and c.topic.count("/") > 1}
-        if not states:
-            return None
-        tracks = {topic: track_name(topic, topic.split("/")[-2]) for topic in sorted(states)}
-        roots = {name.rpartition("/")[0] for name in tracks.values()}
-        if len(roots) > 1:
-            raise UsageError(f"{path}: markers of several cameras ({', '.join(sorted(roots))}): open one that has one")
-        first = None
-        for topic in states:
-            for raw in records.messages({topic}):
-                try:
-                    row = state_row(raw.data, raw.log_time)
-                except UNREADABLE as error:
-                    records.undecodable(raw.channel.topic, error)
-                    continue
-                first = min(first or (row.frame_index, row.stamp_ns), (row.frame_index, row.stamp_ns))
-                break
-        asking = {c.topic for c in records.channels.values() if names[c.id] == REQUEST}
-        requests = []
-        for raw in records.messages(asking):
-            try:
-                requests.append(request_of(raw))
-            except UNREADABLE as error:
-                records.undecodable(raw.channel.topic, error)
-        texts = {a.name: a.data.decode("utf-8", "replace") for a in records.attachments()}
-        run = next(iter(runs_of(records).values()), {})
-    if first is None:
-        raise SourceError(f"{path}: none of its markers' states can be read")
-    try:
-        settings = Settings.model_validate(tomllib.loads(texts.get("settings.toml", "")))
-        answers = tuple(answers_in(tomllib.loads(texts["seeds.toml"]), str(path))) if texts.get("seeds.toml") else ()
-    except (ValidationError, ValueError, RecursionError, SettingsError) as error:
-        raise SourceError(f"{path}: its settings or seeds are damaged: {short(error)}") from error
-    markers = tuple(name.rpartition("/")[2] for name in tracks.values())
-    return _Ours(markers, next(iter(roots)), settings, answers, tuple(requests), run, first)
+def _runs(records: McapRecords) -> list[Run]:
+    """The runs of ours in a recording; none where it has no markers. Raises SourceError where it has some
+    that cannot be corrected."""
+    return runs_in(records) if STATE in schema_names(records).values() else []
 
 
-def _pictures_of(path: Path, ours: _Ours) -> str:
-    """The topic of the pictures that were tracked. Raises UsageError when the recording has none."""
-    with McapRecords(path) as records:
-        there = {channel.topic for channel in records.channels.values()}
-    for topic in (ours.run.get("image_topic", ""), Topics().video, Topics().image):
+def _pictures_of(run: Run, records: McapRecords) -> Pictures:
+    """The pictures that were tracked. Raises UsageError when the recording has none."""
+    there = {channel.topic for channel in records.channels.values() if records.counts.get(channel.id)}
+    tracked = run.facts.get("image_topic", "")
+    for topic in (tracked, run.topics.video, run.topics.image):
         if topic in there:
-            return topic
-    raise UsageError(f"{path}: a recording without its pictures; open the video that was tracked")
+            time = run.facts.get("image_time", "header") if topic == tracked else "header"
+            return recorded_pictures(records, topic, cast(TimeBase, time), HELD_BYTES)
+    raise UsageError(f"{records.path}: a recording without its pictures; open the video that was tracked")
+
+
+def _requests_of(run: Run, records: McapRecords) -> Iterator[OperatorRequest]:
+    """All that stand, with what was answered."""
+    for raw in records.messages({run.topics.requests}):
+        try:
+            yield request_of(raw)
+        except UNREADABLE as error:
+            records.undecodable(raw.channel.topic, error)

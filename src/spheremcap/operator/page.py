@@ -5,7 +5,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
@@ -14,39 +14,29 @@ from typing import Any
 from spheremcap import api
 from spheremcap.api import Asked
 from spheremcap.core.circle import Circle
-from spheremcap.core.estimate import OperatorRequest, Status
+from spheremcap.core.estimate import Status
 from spheremcap.core.frame import Frame
 from spheremcap.core.marker import Answer, Hidden, Keep, Seed
 from spheremcap.core.presets import PRESETS
 from spheremcap.core.time import NS_PER_S, format_time
 from spheremcap.detection.hues import GREYS, HUES_MEANT
 from spheremcap.errors import UsageError
+from spheremcap.io.course import STATUSES
 from spheremcap.io.pictures import Pictures
 from spheremcap.io.sources import FromMcap
 from spheremcap.operator.answers import kind_of
 from spheremcap.operator.desk import Desk
-from spheremcap.operator.lanes import CODES, State, state_of
+from spheremcap.operator.lanes import HiddenLayer, State, StretchLayer
 from spheremcap.operator.opened import Opened, Request
 from spheremcap.operator.words import MEANING, failed
 from spheremcap.operator.words import asked as asked_words
 from spheremcap.operator.work import Work
 from spheremcap.proposals import Proposal
+from spheremcap.stretch import Stretch
 
 _MOST_STATES = 1000  # frames of which the states are given at once
-_HIDDEN = State(Status.OUT_OF_VIEW.value, None, None, None, ("hidden",))
 
 Json = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A stretch that was tracked again from a circle, to be looked at beside what stands before either is chosen."""
-
-    answer: Seed
-    states: dict[int, State]
-    requests: tuple[OperatorRequest, ...]
-    before: str
-    after: str
 
 
 class Page:
@@ -73,19 +63,18 @@ class Page:
     def _open(self, opened: Opened) -> None:
         self.opened = opened
         self.desk = Desk(opened.pictures)
-        self.trial: Trial | None = None
-        self._accepted: dict[Seed, Trial] = {}
+        self.trial: StretchLayer | None = None
+        """A stretch that was tracked again, to be looked at beside what stands before either is chosen."""
+        self._accepted: dict[Seed, Stretch] = {}
         self._reading: threading.Thread | None = None
         self._closing = closing = threading.Event()
         if opened.lanes is not None:
-            lanes = opened.lanes
-
-            def read() -> None:
-                lanes.read(opened.path, opened.name_of, closing.is_set, self._news)
-
             for answer in opened.unwritten():
                 self._show(answer)
-            self._reading = threading.Thread(target=read, name="time line", daemon=True)
+            read = opened.lanes.read
+            self._reading = threading.Thread(
+                target=read, args=(closing.is_set, self._news), name="time line", daemon=True
+            )
             self._reading.start()
 
     def close(self) -> None:
@@ -115,6 +104,9 @@ class Page:
         first_ns, last_ns = opened.stamp_ns(opened.first), opened.stamp_ns(opened.last)
         return {
             "name": opened.path.name,
+            "shows": self._shows(),
+            "cameras": list(opened.cameras),
+            "camera_name": opened.camera_name,
             "kind": opened.kind,
             "first": opened.first,
             "last": opened.last,
@@ -140,9 +132,13 @@ class Page:
                 "given": given.given,
                 "presets": list(PRESETS),
             },
-            "statuses": [MEANING[Status(code)] if code else "nothing said" for code in CODES],
+            "statuses": [MEANING[Status(code)] if code else "nothing said" for code in STATUSES],
             "written": None if self.written is None else self.written.name,
         }
+
+    def _shows(self) -> str:
+        """What is open, by which the page knows that it is another."""
+        return f"{self.opened.path.name} {self.opened.camera_name}"
 
     def pulse(self) -> Json:
         """What changes by itself: the job, and the numbers by which the page knows what to ask for again."""
@@ -150,7 +146,7 @@ class Page:
         opened.answers.answers()
         return {
             "mark": f"{self.version}.{opened.answers.revision}",
-            "name": opened.path.name,
+            "shows": self._shows(),
             "answers": opened.answers.revision,
             "lanes": -1 if opened.lanes is None else opened.lanes.revision,
             "trial": self.trial is not None,
@@ -179,7 +175,7 @@ class Page:
         return {
             "known_to": min(lanes.known_to, opened.last + 1),
             "revision": lanes.revision,
-            "lanes": {marker: lane.runs() for marker, lane in lanes.by_marker.items()},
+            "lanes": {marker: course.runs() for marker, course in lanes.courses().items()},
             "requests": [self._request(request, answers) for request in opened.asked(self._accepted.values())],
         }
 
@@ -199,15 +195,18 @@ class Page:
         }
 
     def states(self, first: int, last: int) -> Json:
-        """What stands of each marker on the frames from `first` to `last`, and the seconds since the first frame."""
-        opened = self.opened
+        """What stands of each marker on the frames from `first` to `last`, and what the trial would put there."""
+        opened, trial = self.opened, self.trial
         first, last = max(first, opened.first), min(last, opened.last, first + _MOST_STATES - 1)
-        frames = range(first, last + 1)
         lanes = {} if opened.lanes is None else opened.lanes.by_marker
-        return {
+        found: Json = {
             "first": first,
-            "states": {m: [_state_json(lane.state(i)) for i in frames] for m, lane in lanes.items()},
+            "states": {m: list(map(_state_json, lane.states(first, last))) for m, lane in lanes.items()},
         }
+        if trial is not None:
+            new = [_state_json(trial.state(i)) if i in trial.stretch else None for i in range(first, last + 1)]
+            found["trial"] = new if any(new) else None
+        return found
 
     def seconds(self, frame_index: int) -> float:
         """When a frame was taken, seconds after the first."""
@@ -254,7 +253,7 @@ class Page:
     def take_back(self, kind: str, marker: str, frame: int) -> Json:
         """Take an answer out of the file again; what it had changed on the time line is as in the recording."""
         taken = self.opened.answers.take_back(kind, marker, frame)
-        if self.trial is not None and taken == self.trial.answer:
+        if self.trial is not None and taken == self.trial.stretch.answer:
             self.trial = None
         if self.opened.lanes is not None:
             self.opened.lanes.remove(marker, _known_by(taken))
@@ -267,8 +266,7 @@ class Page:
         """What an answer says by itself, on the time line."""
         lanes = self.opened.lanes
         if lanes is not None and isinstance(answer, Hidden):
-            frames = range(answer.frame_index, answer.to_frame_index + 1)
-            lanes.correct(answer.marker, _known_by(answer), dict.fromkeys(frames, _HIDDEN))
+            lanes.correct(answer.marker, _known_by(answer), HiddenLayer(answer.frame_index, answer.to_frame_index))
 
     # --- a run that waits ---
 
@@ -311,40 +309,35 @@ class Page:
         opened = self.opened
 
         def run(work: Work) -> str:
-            stretch = api.stretch_of(opened.path, answer, others=others, progress=work.progress, stop=work.stopping)
+            stretch = api.stretch_of(
+                opened.path, opened.named(answer), others=others, progress=work.progress, stop=work.stopping
+            )
             if work.stopping():
                 return "stopped: what stands is as it was"
-            states: dict[int, State] = {}
-            requests: list[OperatorRequest] = []
-            for result in stretch:
-                states |= {e.frame_index: state_of(e) for e in result.estimates if e.marker == marker}
-                requests += result.requests
-            self.trial = Trial(answer, states, tuple(requests), stretch.before, stretch.after)
-            return f"{marker} was followed on {len(states)} frames"
+            self.trial = StretchLayer(stretch)
+            return f"{marker} was followed on {len(stretch)} frames"
 
-        others = [one for one in opened.unwritten() if one != answer]
+        others = [opened.named(one) for one in opened.unwritten() if one != answer]
         self.trial = None
         self.work.start(f"tracking {marker} from frame {frame}", run)
 
     def trial_shown(self) -> Json | None:
-        """The trial beside what stands: per frame the new state and the old one."""
+        """What the trial would change, in numbers; its states are among `states`."""
         trial, lanes = self.trial, self.opened.lanes
         if trial is None or lanes is None:
             return None
-        lane, frames = lanes.by_marker[trial.answer.marker], sorted(trial.states)
-        first, last = (frames[0], frames[-1]) if frames else (trial.answer.frame_index,) * 2
-        every = range(first, last + 1)
-        new = [trial.states.get(i) for i in every]
-        old = [lane.state(i) for i in every]
+        stretch = trial.stretch
+        frames = stretch.frames or (stretch.answer.frame_index,)
+        first, last = frames[0], frames[-1]
         return {
-            "answer": _answer_json(trial.answer),
+            "answer": _answer_json(stretch.answer),
             "first": first,
-            "before": trial.before,
-            "after": trial.after,
-            "new": [_state_json(state) for state in new],
-            "old": [_state_json(state) for state in old],
-            "measured_new": sum(_measured(state) for state in new),
-            "measured_old": sum(_measured(state) for state in old),
+            "last": last,
+            "before": stretch.before,
+            "after": stretch.after,
+            "runs": trial.course.runs(),
+            "measured_new": trial.course.measured_on(first, last),
+            "measured_old": lanes.by_marker[stretch.marker].course.measured_on(first, last),
         }
 
     def accept(self) -> None:
@@ -352,8 +345,9 @@ class Page:
         trial, lanes = self.trial, self.opened.lanes
         if trial is None or lanes is None:
             raise UsageError("there is nothing to accept any more")
-        lanes.correct(trial.answer.marker, _known_by(trial.answer), trial.states)
-        self._accepted[trial.answer] = trial
+        stretch = trial.stretch
+        lanes.correct(stretch.marker, _known_by(stretch.answer), trial)
+        self._accepted[stretch.answer] = stretch
         self.trial = None
         self._news()
 
@@ -363,7 +357,7 @@ class Page:
         if trial is None:
             raise UsageError("there is nothing to discard any more")
         self.trial = None
-        answer = trial.answer
+        answer = trial.stretch.answer
         self.opened.answers.take_back("circle", answer.marker, answer.frame_index)
         self._news()
         return _answer_json(answer)
@@ -391,7 +385,7 @@ class Page:
             if report.stopped:
                 return f"stopped after {report.frames} frames"
             self.written = output
-            return f"{report.frames} frames -> {output.name}"
+            return f"Tracked {report.frames} frames into {output.name}, with {_counted(report.requests, 'request')}"
 
         self.work.start("tracking all markers", run)
 
@@ -400,7 +394,7 @@ class Page:
         opened = self.opened
         if opened.kind != "recording":
             raise UsageError("nothing has been tracked yet: track first")
-        answers = list(opened.answers.answers())
+        answers = list(opened.answers.everything())
         output = _free(opened.path.resolve())
 
         def run(work: Work) -> str:
@@ -410,7 +404,7 @@ class Page:
             if report.stopped:
                 return "stopped: nothing was written"
             self.written = output
-            return f"{len(report.stretches)} answer{'s' * (len(report.stretches) != 1)} -> {output.name}"
+            return f"Wrote {output.name} with {_counted(len(report.stretches), 'answer')}"
 
         self.work.start("writing the new recording", run)
 
@@ -419,12 +413,23 @@ class Page:
         with self._changing:
             if self.written is None:
                 raise UsageError("nothing new was written")
-            before = self.opened
-            opened = Opened(self.written, seeds=before.answers.path, settings=before.settings_path)
-            self._close()
+            self._open_instead(self.written, self.opened.camera_name or None)
             self.written = None
-            self._open(opened)
         self._news()
+
+    def choose_camera(self, name: str) -> None:
+        """Show another camera of the recording. Raises UsageError where it has none of that name."""
+        with self._changing:
+            self._open_instead(self.opened.path, name)
+        self._news()
+
+    def _open_instead(self, path: Path, camera: str | None) -> None:
+        before = self.opened
+        if self.work.job.ended == "":
+            raise UsageError(f"wait until this has ended, or stop it: {self.work.job.name}")
+        opened = Opened(path, seeds=before.answers.path, settings=before.settings_path, camera=camera)
+        self._close()
+        self._open(opened)
 
     def set_marker(
         self, name: str, diameter_m: float, was: str | None, colour: str | Sequence[float] | None = None
@@ -485,6 +490,10 @@ class Page:
         ]
 
 
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
 def _question_json(asked: Asked) -> Json:
     """A question of a run, as a request."""
     request, last = asked.request, asked.last_measured
@@ -518,10 +527,6 @@ def _free(path: Path) -> Path:
     return path
 
 
-def _measured(state: State | None) -> bool:
-    return state is not None and state.status in ("SEEDED", "VERIFIED")
-
-
 def _answer_json(answer: Answer) -> Json:
     row: Json = {"kind": kind_of(answer), "marker": answer.marker, "frame": answer.frame_index}
     if isinstance(answer, Seed):
@@ -536,4 +541,4 @@ def _state_json(state: State | None) -> list[Any] | None:
     if state is None:
         return None
     circle = None if state.circle is None else [round(v, 3) for v in state.circle]
-    return [CODES.index(state.status), circle, state.distance_m, state.vote_sum, failed(state.reasons)]
+    return [STATUSES.index(state.status), circle, state.distance_m, state.vote_sum, failed(state.reasons)]

@@ -99,6 +99,10 @@ class _Marker(_Body):
     colour: str | tuple[float, float] | None = None
 
 
+class _Camera(_Body):
+    name: str = Field(max_length=100)
+
+
 class _Preset(_Body):
     preset: str | None = Field(None, max_length=100)
 
@@ -174,7 +178,8 @@ def application(page: Page) -> Starlette:
         frame = await asyncio.wrap_future(page.desk.look(viewer, number - offset, exact=exact))
         if frame is None:
             raise HTTPException(404, f"frame {number} could not be decoded")
-        data = await run(_jpeg, frame.full)
+        whole = Window(0, 0, frame.width_px, frame.height_px)
+        data = await run(lambda: _jpeg(frame.patch(whole)))  # `full` would stay with the frame, which is held
         return Response(data, media_type="image/jpeg", headers=_facts(frame, offset))
 
     async def beside(number: int) -> Frame:
@@ -253,6 +258,11 @@ def application(page: Page) -> Starlette:
         await run(page.drop_marker, said.marker)
         return JSONResponse(await run(page.session))
 
+    async def camera(request: Request) -> Response:
+        said = await _read(request, _Camera)
+        await run(page.choose_camera, said.name)
+        return JSONResponse(await run(page.pulse))
+
     async def preset(request: Request) -> Response:
         said = await _read(request, _Preset)
         await run(page.set_preset, said.preset)
@@ -312,6 +322,7 @@ def application(page: Page) -> Starlette:
             post("/snap", snap),
             post("/marker", marker),
             post("/drop-marker", drop_marker),
+            post("/camera", camera),
             post("/preset", preset),
             post("/calibration", calibration),
             post("/track-again", track_again),

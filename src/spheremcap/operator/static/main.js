@@ -10,6 +10,7 @@ const $ = (id) => document.getElementById(id);
 const COLOURS = ["#3fd0ff", "#ffd23f", "#ff7ad9", "#8dff6b", "#ff9b4a", "#c3acff"];
 const NONE = 0, ESTIMATED = 3, LOST = 4; // status codes
 const BLOCK = 400; // frames whose states are fetched at once
+const BLOCKS_KEPT = 20;
 
 const S = {
   /** @type {any} */ session: null,
@@ -24,6 +25,7 @@ const S = {
   /** @type {any} */ trial: null,
   /** @type {any} */ snap: null,
   /** @type {any} */ job: null,
+  /** @type {any[]} */ proposed: [], // neither kept nor thrown away yet
   unwritten: 0, shown: -1, asked: 0, seenByLanes: -1,
 };
 
@@ -109,14 +111,23 @@ function state(marker, frame) {
   return block?.states ? block.states[marker]?.[frame - block.first] : undefined;
 }
 
+/** What the trial would put on a frame of its marker. @param {number} frame @returns {any} */
+function trialState(frame) {
+  const block = S.blocks.get(Math.floor(frame / BLOCK) * BLOCK);
+  return block?.trial?.[frame - block.first];
+}
+
 /** @param {number} start */
 async function fetchStates(start) {
-  const block = S.blocks.get(start), revision = S.lanesRevision;
+  const block = S.blocks.get(start), revision = S.lanesRevision, trial = S.trial;
   if (block?.fetching) return;
   S.blocks.set(start, { ...block, fetching: true });
   try {
     const said = await get(`/states?first=${Math.max(0, start)}&last=${start + BLOCK - 1}`);
-    S.blocks.set(start, { first: said.first, states: said.states, revision, fetching: false });
+    S.blocks.delete(start);
+    if (trial !== S.trial) return; // of a moment before
+    S.blocks.set(start, { first: said.first, states: said.states, trial: said.trial, revision, fetching: false });
+    for (const old of S.blocks.keys()) { if (S.blocks.size <= BLOCKS_KEPT) break; S.blocks.delete(old); }
     overlays();
   } catch { S.blocks.set(start, { ...block, fetching: false }); }
 }
@@ -149,10 +160,9 @@ function overlays() {
   view.colour = S.marker ? colourOf(S.marker) : COLOURS[0];
   for (const { name } of exact ? S.session.markers : []) {
     const here = state(name, S.frame);
-    const trial = S.trial && S.trial.answer.marker === name && S.frame >= S.trial.first && S.frame < S.trial.first + S.trial.new.length ? S.trial : null;
-    if (trial) {
-      const now = trial.new[S.frame - trial.first], old = trial.old[S.frame - trial.first];
-      if (old?.[1]) drawn.push({ circle: circleOf(old[1]), colour: "#ff6a4d", dash: [6, 5] });
+    if (S.trial?.answer.marker === name && S.frame >= S.trial.first && S.frame <= S.trial.last) {
+      const now = trialState(S.frame);
+      if (here?.[1]) drawn.push({ circle: circleOf(here[1]), colour: "#ff6a4d", dash: [6, 5] });
       if (now?.[1]) drawn.push({ circle: circleOf(now[1]), colour: "#3ddc9e", width: 3, label: name });
       continue;
     }
@@ -163,6 +173,7 @@ function overlays() {
       if (other) drawn.push({ circle: other, colour: colourOf(name), label: name });
     }
   }
+  for (const p of exact ? S.proposed : []) if (p.frame === S.frame) drawn.push({ circle: circleOf(p.circle), colour: "#ffffff", dash: [2, 4], label: p.colour });
   view.drawn = drawn;
   view.draw();
   said();
@@ -183,15 +194,31 @@ function said() {
   $("state").textContent = parts.join(" · ");
   for (const k of ["x", "y", "r"]) if (document.activeElement !== $(k)) $(k).value = circle ? circle[k].toFixed(2) : "";
   const unsaved = S.drafts.has(key());
-  $("save").disabled = !circle || !unsaved;
-  $("save").textContent = S.session.kind === "recording" ? "Save and track" : "Save circle";
-  $("snap").disabled = $("clear").disabled = !circle;
+  $("in-hand").hidden = !circle || !unsaved;
+  $("save").textContent = `${S.session.kind === "recording" ? "Save and track" : "Save circle"} (Enter)`;
+  hint();
   facts();
+}
+
+/** What to do first, over the picture, as long as there is nothing. */
+function hint() {
+  const s = S.session, without = s.markers.find((/** @type {any} */ m) => !S.answers.some((a) => a.kind === "circle" && a.marker === m.name));
+  let text = "";
+  if (["video", "log"].includes(s.kind) && !S.drafts.size && S.job?.ended !== "") {
+    if (S.proposed.length) text = "Keep what is a marker, in the list beside. What was proposed on this frame is drawn dotted.";
+    else if (!s.markers.length) text = "Go to a frame that shows a marker, and drag from its centre outwards. Or press Propose markers.";
+    else if (without && without.name === S.marker) text = `Drag from the centre of ${without.name} outwards, on a frame that shows it.`;
+  }
+  $("hint").textContent = text;
+  $("hint").hidden = !text;
 }
 
 function facts() {
   const dl = $("facts"), snapped = S.snap;
   dl.replaceChildren();
+  const doubt = snapped?.against.length ? `${snapped.against.join(", ")}: is it the marker?` : "";
+  $("doubt").textContent = doubt;
+  $("doubt").hidden = !doubt;
   if (!snapped || !view.circle) return;
   /** @param {string} term @param {string} text @param {boolean} [doubt] */
   const say = (term, text, doubt = false) => {
@@ -205,7 +232,7 @@ function facts() {
   if (snapped.contrast !== null) say("Contrast", `${snapped.contrast.toFixed(0)} (2 is just seen)`, snapped.contrast < 10);
   if (snapped.distance_m !== null) say("Distance", `${snapped.distance_m.toFixed(3)} m ± ${(snapped.distance_sd_m * 1000).toFixed(0)} mm`);
   say("Colours select", `${snapped.selected} pixels around here`);
-  if (snapped.against.length) say("But", `${snapped.against.join(", ")}: is it the marker?`, true);
+  if (doubt) say("But", doubt, true);
 }
 
 // --- the circle in hand ---
@@ -329,13 +356,17 @@ function markers(refill = true) {
   for (const id of ["marker-name", "marker-diameter", "marker-save"]) $(id).disabled = fixed;
   $("marker-form").hidden = fixed;
   if (refill) form(S.marker);
-  $("lane-names").replaceChildren(...s.markers.map((/** @type {any} */ m) => {
+  line.markers = s.markers.map((/** @type {any} */ m) => m.name);
+  laneNames();
+  line.draw();
+}
+
+function laneNames() {
+  $("lane-names").replaceChildren(...line.rows().map(({ marker, trial }) => {
     const span = document.createElement("span");
-    span.textContent = m.name; span.className = m.name === S.marker ? "chosen" : "";
+    span.textContent = trial ? `${marker}, new` : marker; span.className = marker === S.marker ? "chosen" : "";
     return span;
   }));
-  line.markers = s.markers.map((/** @type {any} */ m) => m.name);
-  line.draw();
 }
 
 /** A marker's sign: colour and shape. @param {number} k */
@@ -453,6 +484,7 @@ function requests() {
   }));
   if (S.request >= S.requests.length) S.request = -1;
   $("request").hidden = S.request < 0;
+  $("request-hint").hidden = S.request >= 0 || !open;
 }
 
 /** Open a request on its first unverified frame. @param {number} k */
@@ -473,7 +505,8 @@ async function select(k) {
   /** @param {HTMLImageElement} image @param {number} frame @param {string} alt */
   const crop = (image, frame, alt) => {
     const c = circleAt(frame) ?? seen;
-    image.src = `/crop/${frame}?x=${Math.round(c[0])}&y=${Math.round(c[1])}&half=${Math.max(12, Math.round(seen[2] * 3.5))}`;
+    const [x, y] = [Math.min(Math.max(c[0], 0), S.session.width), Math.min(Math.max(c[1], 0), S.session.height)];
+    image.src = `/crop/${frame}?x=${Math.round(x)}&y=${Math.round(y)}&half=${Math.max(12, Math.round(seen[2] * 3.5))}`;
     image.alt = alt;
   };
   $("last-verified").parentElement.disabled = r.last_verified === null;
@@ -499,6 +532,7 @@ function actions() {
   const s = S.session, busy = S.job?.ended === "";
   $("track").hidden = ["recording", "attended"].includes(s.kind);
   $("track").disabled = busy || !S.answers.some((a) => a.kind === "circle");
+  $("track").classList.toggle("main", !s.written);
   $("propose").hidden = $("track").hidden; $("propose").disabled = busy;
   $("write").hidden = s.kind !== "recording" || !S.unwritten;
   $("write").disabled = busy;
@@ -540,10 +574,18 @@ function jump(places, way, none, act) {
 
 // --- proposals ---
 
+/** What is left to be kept or thrown away. @param {any[]} left */
+function propose(left) {
+  S.proposed = left;
+  $("proposals").hidden = !left.length;
+  overlays();
+}
+
 async function takeProposals() {
   const said = await attempt(() => get("/proposals"));
   if (!said) return;
-  $("proposals").hidden = !said.said.length;
+  propose(said.said);
+  if (said.said.length) go(said.said[0].frame);
   let number = 0;
   $("proposal-list").replaceChildren(...said.said.map((/** @type {any} */ p) => {
     const item = document.createElement("li"), image = document.createElement("img"), box = document.createElement("div");
@@ -557,14 +599,15 @@ async function takeProposals() {
     name.setAttribute("aria-label", "Name of this marker");
     const row = document.createElement("div");
     row.className = "row";
+    const done = () => { item.remove(); propose(S.proposed.filter((one) => one !== p)); };
     row.append(button("Keep", async () => {
       const marker = name.value.trim();
       const s = await attempt(() => post("/marker", { name: marker, diameter_mm: Number($("marker-diameter").value) || 40, was: null, colour: S.session.colours.includes(p.colour) ? p.colour : null }));
       if (!s) return;
       S.session = s;
-      if (await answer({ kind: "circle", marker, frame: p.frame, circle: { x_px: p.circle[0], y_px: p.circle[1], r_px: p.circle[2] } })) { item.remove(); choose(marker); go(p.frame); }
-    }), button("Throw away", () => item.remove()), button("Show", () => { go(p.frame); view.zoomTo(circleOf(p.circle)); }));
-    box.append(words, name, row);
+      if (await answer({ kind: "circle", marker, frame: p.frame, circle: { x_px: p.circle[0], y_px: p.circle[1], r_px: p.circle[2] } })) { done(); choose(marker); go(p.frame); }
+    }), button("Throw away", done), button("Show", () => { go(p.frame); view.zoomTo(circleOf(p.circle)); }));
+    box.append(name, row, words);
     item.append(image, box);
     return item;
   }));
@@ -574,12 +617,16 @@ async function takeProposals() {
 
 async function takeTrial() {
   S.trial = await get("/trial");
+  S.blocks.clear();
   $("trial").hidden = !S.trial;
   if (S.trial) {
     const t = S.trial;
-    line.span = { marker: t.answer.marker, first: t.first, last: t.first + t.new.length - 1 };
-    $("trial-said").textContent = `${t.answer.marker} tracked again on frames ${t.first} to ${t.first + t.new.length - 1}: measured on ${t.measured_new} frames, before on ${t.measured_old}. It begins: ${t.before}. It ends: ${t.after}. Nothing is replaced yet.`;
+    line.span = { marker: t.answer.marker, first: t.first, last: t.last };
+    $("trial-said").textContent = `${t.answer.marker} tracked again on frames ${t.first} to ${t.last}: measured on ${t.measured_new} of them, before on ${t.measured_old}. It begins: ${t.before}. It ends: ${t.after}. Nothing is replaced yet.`;
+    $("trial-doubt").hidden = 2 * t.measured_new >= t.measured_old; // a wrong track is measured on many frames too
   } else if (S.hiddenFrom === null) line.span = null;
+  line.trial = S.trial && { marker: S.trial.answer.marker, runs: S.trial.runs };
+  laneNames();
   line.draw();
   overlays();
 }
@@ -606,7 +653,7 @@ async function listen() {
   for (;;) {
     try {
       const now = await get(`/pulse?seen=${mark}`);
-      if (now.name !== S.session.name) { await boot(); mark = now.mark; continue; }
+      if (now.shows !== S.session.shows) { await boot(); mark = now.mark; continue; }
       mark = now.mark;
       job(now.job);
       if (now.written !== S.session.written) { S.session.written = now.written; }
@@ -652,7 +699,7 @@ function job(now) {
 
 /** What a reload brings back. */
 function remember() {
-  sessionStorage.setItem("at", JSON.stringify({ name: S.session.name, frame: S.frame, marker: S.marker, request: S.request, hiddenFrom: S.hiddenFrom, drafts: [...S.drafts] }));
+  sessionStorage.setItem("at", JSON.stringify({ shows: S.session.shows, frame: S.frame, marker: S.marker, request: S.request, hiddenFrom: S.hiddenFrom, drafts: [...S.drafts] }));
 }
 
 async function boot() {
@@ -661,8 +708,12 @@ async function boot() {
   S.session = s;
   pictures.forget();
   S.blocks.clear(); S.lanes = {}; S.requests = []; S.request = -1; S.lanesRevision = -2; S.trial = null; S.shown = -1; S.asked = 0;
+  propose([]);
   document.title = `${s.name} – spheremcap`;
   $("name").textContent = s.name;
+  for (const one of document.querySelectorAll(".tracked")) /** @type {HTMLElement} */ (one).hidden = !["recording", "attended"].includes(s.kind);
+  $("camera-choice").hidden = s.cameras.length < 2;
+  $("camera-name").replaceChildren(...s.cameras.map((/** @type {string} */ c) => new Option(c, c, false, c === s.camera_name)));
   $("kind").textContent = { video: "video", log: "recording without markers", recording: "tracked recording", attended: "is being tracked" }[/** @type {"video"} */ (s.kind)];
   $("seeds-file").textContent = s.seeds_file;
   if (!again) $("author").value = localStorage.getItem("author") ?? s.author;
@@ -675,7 +726,7 @@ async function boot() {
   line.of(s.first, s.last);
   let was = null;
   try { was = JSON.parse(sessionStorage.getItem("at") ?? "null"); } catch { /* nothing to come back to */ }
-  if (was?.name === s.name) { S.marker = was.marker; S.drafts = new Map(was.drafts); S.request = was.request; }
+  if (was?.shows === s.shows) { S.marker = was.marker; S.drafts = new Map(was.drafts); S.request = was.request; }
   else { S.drafts = new Map(); was = null; }
   markers();
   takeAnswers(await get("/answers"));
@@ -690,7 +741,7 @@ async function boot() {
 function camera() {
   const c = S.session.camera, fixed = ["recording", "attended"].includes(S.session.kind);
   const metres = c.metric ? (c.focal_sd ? `Distances are good to about ${(c.focal_sd * 100).toFixed(1)} %.` : "Distances rest on this calibration.") : "Circles are had, metres are not.";
-  $("camera-note").textContent = `${c.note}. ${metres}${fixed ? " It is the one that the recording was tracked with." : ""}`;
+  $("camera-note").textContent = `${c.note[0].toUpperCase()}${c.note.slice(1)}. ${metres}${fixed ? " It is the one that the recording was tracked with." : ""}`;
   $("preset").value = c.preset ?? "";
   $("preset").disabled = $("calibration").disabled = fixed;
 }
@@ -733,6 +784,9 @@ for (const k of ["x", "y", "r"]) $(k).onchange = () => {
   const value = Number($(k).value);
   if (Number.isFinite(value) && $(k).value !== "") draft({ ...c, [k]: k === "r" ? Math.max(1, value) : value });
 };
+$("camera-name").onchange = () => attempt(async () => {
+  try { await post("/camera", { name: $("camera-name").value }); } finally { $("camera-name").value = S.session.camera_name; }
+});
 $("preset").onchange = () => attempt(async () => { S.session = await post("/preset", { preset: $("preset").value || null }); camera(); });
 $("calibration").onchange = () => attempt(async () => {
   const [file] = $("calibration").files;
@@ -756,7 +810,7 @@ document.addEventListener("keydown", (e) => {
   if (e.key === " " && (target === document.body || target === $("picture"))) { view.space = true; e.preventDefault(); return; }
   if ($("keys").open) return;
   const typing = target instanceof HTMLInputElement && !["radio", "checkbox"].includes(target.type) || target instanceof HTMLSelectElement;
-  if (typing) { if (e.key === "Escape") target.blur(); if (e.key === "Enter" && target.id === "frame") { target.blur(); } return; }
+  if (typing) { if (e.key === "Escape") target.blur(); if (e.key === "Enter" && ["frame", "time", "x", "y", "r"].includes(target.id)) target.blur(); return; }
   if (e.ctrlKey || e.metaKey || !S.session) return;
   const fine = e.altKey ? 0.1 : 1, radio = target instanceof HTMLInputElement && target.type === "radio";
   const press = target instanceof HTMLButtonElement && (e.key === "Enter" || e.key === " ");

@@ -15,6 +15,7 @@ export class TimeLine {
     /** @type {any[]} */ this.requests = [];
     /** @type {any[]} */ this.answers = [];
     /** @type {{marker: string, first: number, last: number} | null} */ this.span = null;
+    /** @type {{marker: string, runs: [number, number][]} | null} */ this.trial = null; // a lane of its own, below its marker's
     this.knownTo = 0;
     this.due = false;
     new ResizeObserver(() => this.draw()).observe(canvas);
@@ -53,6 +54,14 @@ export class TimeLine {
     this.draw();
   }
 
+  /** The lanes from top to bottom. @returns {{marker: string, trial: boolean}[]} */
+  rows() {
+    return this.markers.flatMap((marker) => [{ marker, trial: false }, ...(this.trial?.marker === marker ? [{ marker, trial: true }] : [])]);
+  }
+
+  /** @param {string} marker */
+  row(marker) { return this.rows().findIndex((row) => row.marker === marker); }
+
   /** @param {number} x */
   frameAt(x) {
     const share = x / Math.max(1, this.canvas.clientWidth);
@@ -86,7 +95,7 @@ export class TimeLine {
 
   paint() {
     const { canvas } = this, ratio = window.devicePixelRatio || 1;
-    const rows = Math.max(1, this.markers.length), height = HEAD + rows * LANE + 4;
+    const rows = this.rows(), height = HEAD + Math.max(1, rows.length) * LANE + 4;
     canvas.style.height = `${height}px`;
     const wide = canvas.clientWidth;
     canvas.width = Math.round(wide * ratio); canvas.height = Math.round(height * ratio);
@@ -95,9 +104,9 @@ export class TimeLine {
     const style = getComputedStyle(canvas);
     /** @param {string} name */ const colour = (name) => style.getPropertyValue(`--${name}`).trim();
     this.ruler(context, wide, colour);
-    this.markers.forEach((marker, row) => this.lane(context, marker, HEAD + row * LANE, colour));
+    rows.forEach(({ marker, trial }, row) => this.lane(context, (trial ? this.trial?.runs : this.lanes[marker]) ?? [], HEAD + row * LANE, colour));
     for (const answer of this.answers) {
-      const row = this.markers.indexOf(answer.marker);
+      const row = this.row(answer.marker);
       if (row < 0) continue;
       const x = this.x(answer.frame + 0.5), y = HEAD + row * LANE + LANE;
       context.fillStyle = colour("answer");
@@ -105,15 +114,15 @@ export class TimeLine {
       if (answer.kind !== "circle") context.fillRect(this.x(answer.frame), y - 3, Math.max(2, this.x(answer.to_frame + 1) - this.x(answer.frame)), 3);
     }
     for (const request of this.requests) {
-      const row = this.markers.indexOf(request.marker);
+      const row = this.row(request.marker);
       const x = this.x(request.first_unverified + 0.5), y = HEAD + row * LANE;
       context.fillStyle = colour(request.answered ? "OUT_OF_VIEW" : "LOST");
       triangle(context, x - 5, y - 1, x + 5, y - 1, x, y + 8);
     }
     if (this.span) {
-      const row = this.markers.indexOf(this.span.marker);
+      const row = this.row(this.span.marker);
       context.strokeStyle = colour("main"); context.lineWidth = 2;
-      context.strokeRect(this.x(this.span.first), HEAD + row * LANE + 1, Math.max(3, this.x(this.span.last + 1) - this.x(this.span.first)), LANE - 2);
+      context.strokeRect(this.x(this.span.first), HEAD + row * LANE + 1, Math.max(3, this.x(this.span.last + 1) - this.x(this.span.first)), (this.trial ? 2 * LANE : LANE) - 2);
     }
     const x = this.x(this.frame + 0.5);
     context.fillStyle = colour("ink");
@@ -135,9 +144,9 @@ export class TimeLine {
     }
   }
 
-  /** @param {CanvasRenderingContext2D} context @param {string} marker @param {number} y @param {(name: string) => string} colour */
-  lane(context, marker, y, colour) {
-    const runs = this.lanes[marker] ?? [], base = y + LANE - 4;
+  /** @param {CanvasRenderingContext2D} context @param {[number, number][]} runs @param {number} y @param {(name: string) => string} colour */
+  lane(context, runs, y, colour) {
+    const base = y + LANE - 4;
     context.fillStyle = colour("edge");
     context.fillRect(0, base, this.canvas.clientWidth, 1);
     for (let k = 0; k < runs.length; k++) {
