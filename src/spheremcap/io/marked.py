@@ -125,11 +125,11 @@ class _Drawing:
     def on(self, frame: Frame, window: "_Window | None") -> BgrImage:
         """The frame's picture (rows, columns, 3), of even size, marked up."""
         stamp_ns = frame.stamp_ns
-        lines: list[tuple[str, Rgb]] = [(f"{format_time(stamp_ns)}   {(stamp_ns - self._first_ns) / NS_PER_S:.3f} s   "
-                                         f"frame {frame.index}", (1.0, 1.0, 1.0))]  # fmt: skip
-        canvas, scale, (x0, y0) = (_even(frame.full.copy()), 1.0, (0.0, 0.0))
-        if window is not None:
-            canvas, scale, (x0, y0) = window.cut(frame)
+        elapsed_s = (stamp_ns - self._first_ns) / NS_PER_S
+        lines: list[tuple[str, Rgb]] = [
+            (f"{format_time(stamp_ns)}   {elapsed_s:.3f} s   frame {frame.index}", (1.0, 1.0, 1.0))
+        ]
+        canvas, scale, (x0, y0) = (_even(frame.full), 1.0, (0.0, 0.0)) if window is None else window.cut(frame)
 
         def at(circle: Circle) -> tuple[int, int]:
             """Where a centre is on the canvas, in the parts of a pixel that OpenCV draws to."""
@@ -197,9 +197,9 @@ class _Window:
 
 
 def _even(image: BgrImage) -> BgrImage:
-    """Without a last row or column that H.264 has no place for."""
+    """A copy without a last row or column that H.264 has no place for."""
     height, width = image.shape[:2]
-    return np.ascontiguousarray(image[: height // 2 * 2, : width // 2 * 2])
+    return image[: height // 2 * 2, : width // 2 * 2].copy()
 
 
 def _text(canvas: BgrImage, text: str, place: tuple[int, int], rgb: Rgb) -> None:
