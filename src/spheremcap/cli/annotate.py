@@ -58,8 +58,10 @@ def annotate(
     loaded()
     if allow_remote in ("0.0.0.0", "::", ""):
         raise UsageError("--allow-remote: name the one address that others are to use, not all of them")
-    opened = Opened(source, seeds=seeds, settings=settings, topic=topic, rate=rate_of(rate))
-    page = Page(opened, author if author is not None else login())
+    page = Page(
+        Opened(source, seeds=seeds, settings=settings, topic=topic, rate=rate_of(rate)),  # no name here keeps it open
+        author if author is not None else login(),
+    )
     try:
         with Interrupt() as interrupted, Server(page, allow_remote or "127.0.0.1") as server:
             print(server.url, flush=True)

@@ -76,6 +76,9 @@ class Pictures:
         """Close the file; frames already given stay valid."""
         self._index.close()
         self._files.close()
+        self._running = iter(())
+        self._held.clear()
+        self._bytes = 0
 
     @property
     def path(self) -> Path:

@@ -167,8 +167,8 @@ class Opened:
         return self.pictures.index_at(self.pictures.stamp_ns(self.pictures.first_index) + since_first_ns) + self.offset
 
     def open_again(self) -> Pictures:
-        """The same pictures for another thread."""
-        return open_pictures(self.path, topic=self.topic, rate=self.rate)
+        """The same pictures for another thread that goes through them in order."""
+        return open_pictures(self.path, topic=self.topic, rate=self.rate, held_bytes=1)
 
     def _picture_at(self, stamp_ns: int) -> int:
         index = self.pictures.index_at(stamp_ns)

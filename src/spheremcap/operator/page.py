@@ -30,7 +30,7 @@ from spheremcap.operator.lanes import HiddenLayer, State, StretchLayer
 from spheremcap.operator.opened import Opened, Request
 from spheremcap.operator.words import MEANING, failed
 from spheremcap.operator.words import asked as asked_words
-from spheremcap.operator.work import Work
+from spheremcap.operator.work import Work, give_back
 from spheremcap.proposals import Proposal
 from spheremcap.stretch import Stretch
 
@@ -430,6 +430,8 @@ class Page:
         opened = Opened(path, seeds=before.answers.path, settings=before.settings_path, camera=camera)
         self._close()
         self._open(opened)
+        del before
+        give_back()
 
     def set_marker(
         self, name: str, diameter_m: float, was: str | None, colour: str | Sequence[float] | None = None

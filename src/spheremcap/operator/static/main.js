@@ -586,15 +586,17 @@ async function takeProposals() {
   if (!said) return;
   propose(said.said);
   if (said.said.length) go(said.said[0].frame);
-  let number = 0;
+  const taken = new Set(S.session.markers.map((/** @type {any} */ m) => m.name));
   $("proposal-list").replaceChildren(...said.said.map((/** @type {any} */ p) => {
     const item = document.createElement("li"), image = document.createElement("img"), box = document.createElement("div");
     image.src = `/crop/${p.frame}?x=${Math.round(p.circle[0])}&y=${Math.round(p.circle[1])}&half=${Math.max(8, Math.round(p.circle[2] * 2))}`;
     image.alt = `a ${p.colour} sphere on frame ${p.frame}`;
     const words = document.createElement("p"), name = document.createElement("input");
     words.textContent = p.reason;
-    let free = `${p.colour}`.replace(/[^A-Za-z0-9_]/g, "_");
-    if (S.session.markers.some((/** @type {any} */ m) => m.name === free) || number++) free = `${free}_${number}`;
+    const colour = `${p.colour}`.replace(/[^A-Za-z0-9_]/g, "_");
+    let free = colour;
+    for (let k = 2; taken.has(free); k++) free = `${colour}_${k}`;
+    taken.add(free);
     Object.assign(name, { type: "text", value: free, maxLength: 100 });
     name.setAttribute("aria-label", "Name of this marker");
     const row = document.createElement("div");
