@@ -590,12 +590,8 @@ FAULTS = (
         "abs(stamp_ns - self._looked_ns) >= _EVERY_NS", "stamp_ns - self._looked_ns >= _EVERY_NS", (SHADING,),
     ),
     Fault(
-        262, "optics: three looks make sure of an exposure", "detection/optics.py",
-        "self._contest.looks >= _LOOKS and", "self._contest.looks >= 3 and", (LEARNER,),
-    ),
-    Fault(
-        263, "optics: no exposure is known as well", "detection/optics.py",
-        "and self._likeliest()[0] > 0", "", (LEARNER,),
+        262, "detector: no other exposure is tried", "detection/detector.py",
+        "if claim is None or claim.visible <= 0.5:", "if False:", (DECISIONS,),
     ),
     Fault(
         264, "edge: every lens is the first one", "detection/edge.py",

@@ -244,6 +244,24 @@ def test_what_is_thrown_right_after_the_seed_is_found_on_that_frame_and_teaches_
     assert found[2].circle in taught
 
 
+def test_a_streak_that_is_not_as_the_filter_expects_is_followed_all_the_same():
+    """A stated exposure of a whole frame interval, and pictures without any: no outline fits a streak of 1.5 radii, and
+    only the place is right."""
+
+    def ball(i):
+        return ball_at(30 + 24 * i, 120, 16)
+
+    chain = MarkerChain(SPEC, CAMERA, ChainConfig(), exposure_s=1 / 30)
+    frames = [BgrFrame(i, i * 33_333_333, picture(ball(i), noise_seed=i)) for i in range(10)]
+    chain.seed(frames[0], truth(ball(0)))
+    found = [chain.step(frame) for frame in frames[1:]]
+    assert {e.status for e in found} == {Status.VERIFIED}
+    assert {e.proposer for e in found[2:]} <= {"prediction", "kcf", "colour", "hough"}
+    assert (
+        min(e.circle.dice(truth(ball(e.frame_index))) for e in found) > 0.9
+    )  # the nearest exposure is not the true one
+
+
 def test_what_a_lost_marker_is_found_as_has_to_be_confirmed_and_a_followed_one_has_not(monkeypatch):
     asked = []
 

@@ -153,7 +153,7 @@ class MarkerChain:
         self._stamp_ns, self._expected = frame.stamp_ns, None
         if self.status.tracked:
             optics = self.optics.now(self._interval_s)
-            self._expected = self.whereabouts.expect(frame, self._interval_s, optics, self.optics.exposure_known)
+            self._expected = self.whereabouts.expect(frame, self._interval_s, optics)
 
     def look(self, frame: Frame) -> tuple[Look, ...]:
         """What this frame shows where the marker is expected; of a lost one, at each place that it may have come back

@@ -212,21 +212,8 @@ def test_a_slow_marker_is_looked_at_seldom_and_a_part_of_one_never():
 
 def test_a_given_exposure_is_never_changed():
     optics = learner(exposure_s=0.001)
-    assert optics.exposure_known
     move(optics, 0.75)
     assert optics.now(INTERVAL_S).exposure_s == 0.001
-
-
-def test_an_exposure_is_known_once_a_dozen_looks_agree_on_one():
-    optics = learner(learn_blur=False)
-    assert not optics.exposure_known
-    move(optics, 0.5, claims=40)  # seven looks
-    assert not optics.exposure_known
-    move(optics, 0.5, claims=100)
-    assert optics.exposure_known
-    sharp = learner(learn_blur=False)
-    move(sharp, 0.0, claims=140)
-    assert not sharp.exposure_known  # it may yet move
 
 
 def test_an_exposure_of_other_frames_is_forgotten_by_and_by():

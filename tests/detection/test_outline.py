@@ -30,7 +30,7 @@ def measured(ball, covers=(), motion=AT_REST, camera=CAMERA, seed=0, **how):
 def expected(ball, range_sd=0.005, off=0.0, camera=CAMERA):
     """What a filter expects that is sure of the distance to a share `range_sd`, and wrong by a share `off`."""
     circle, range_m = truth(ball, camera), float(np.linalg.norm(ball.xyz)) * (1 + off)
-    return Expected(circle, 1.0, range_m, range_sd, np.zeros(2), 1 / 240, AT_REST, True, 0.5 * circle.r_px)
+    return Expected(circle, 1.0, range_m, range_sd, np.zeros(2), 1 / 240, AT_REST, 0.5 * circle.r_px)
 
 
 # -- how sure --------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ BEFORE, NOW = truth(SMALL), truth(LARGE)
 
 
 def expected(circle=BEFORE, range_sd=0.1, reach_px=10.0):
-    return Expected(circle, 1.0, 0.8, range_sd, np.zeros(2), 1 / 240, AT_REST, True, reach_px)
+    return Expected(circle, 1.0, 0.8, range_sd, np.zeros(2), 1 / 240, AT_REST, reach_px)
 
 
 def followed(what, kcf=None, points=None, miss=False):

@@ -73,8 +73,8 @@ class Measured:
 class Expected:
     """What the Kalman filter expects of a frame: the `circle` in the picture, as seen; its standard deviation in
     pixels, the larger of x and y; the distance in metres and its standard deviation, relative; its velocity (2,) in
-    px/s; the time since the frame before; what lens and shutter make of it, and whether the exposure time behind that
-    was given; and how far from the circle the marker is looked for."""
+    px/s; the time since the frame before; what lens and shutter make of it; and how far from the circle the marker is
+    looked for."""
 
     circle: Circle
     spread_px: float
@@ -83,7 +83,6 @@ class Expected:
     rate_px: FloatArray
     interval_s: float
     motion: Motion
-    exposure_known: bool
     reach_px: float
 
 

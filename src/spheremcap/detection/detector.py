@@ -77,7 +77,7 @@ class Detector:
         claim = close.claim if agree else None
         if claim is None or claim.visible < 0.6:
             claim = self.outline.longest(frame, proposals, motion, limits, expected, shading.profile)
-        if not expected.exposure_known and (claim is None or claim.visible <= 0.5):
+        if claim is None or claim.visible <= 0.5:
             claim = self._at_other_exposures(frame, expected, proposals, limits, shading, claim)
         return Detected(proposals, hough, limits, claim)
 

@@ -59,12 +59,6 @@ class OpticsLearner:
         exposure, softness = self._likeliest()
         return Optics(self._given_exposure_s or exposure * interval_s, *self._readout_s(interval_s), softness)
 
-    @property
-    def exposure_known(self) -> bool:
-        """Whether the exposure time is given, or learnt from as many looks as make sure of it."""
-        learnt = self._contest is not None and self._contest.looks >= _LOOKS and self._likeliest()[0] > 0
-        return self._given_exposure_s > 0 or learnt
-
     def _likeliest(self) -> tuple[float, float]:
         """Exposure, in intervals, and softness."""
         if self._best is None:
@@ -124,11 +118,6 @@ class _Contest:
     def add(self, misfits: FloatArray) -> None:
         """Take in one look's `Outline.misfits`."""
         self._misfits.append(misfits)
-
-    @property
-    def looks(self) -> int:
-        """How many of the latest looks are remembered."""
-        return len(self._misfits)
 
     def best(self) -> tuple[float, float]:
         """The exposure and the softness that are likeliest; no exposure unless one is better by more than the looks, of

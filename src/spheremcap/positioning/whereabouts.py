@@ -48,7 +48,7 @@ class Absence:
         """What is expected of the marker were it at a candidate: nothing is known of how it moves."""
         circle = candidate.resized(self.circle.r_px)
         motion, reach_px = replace(AT_REST, softness=softness), _ANYWHERE * circle.r_px
-        return Expected(circle, 0.0, self.range_m, self.range_sd, np.zeros(2), interval_s, motion, True, reach_px)
+        return Expected(circle, 0.0, self.range_m, self.range_sd, np.zeros(2), interval_s, motion, reach_px)
 
 
 class Whereabouts:
@@ -61,7 +61,7 @@ class Whereabouts:
         self.circle = Circle(0, 0, 1)  # as last verified
         self.seen = Moment(0, np.zeros(6), np.zeros((6, 6)))  # the filter's state then
 
-    def expect(self, frame: Frame, interval_s: float, optics: Optics, exposure_known: bool) -> Expected | None:
+    def expect(self, frame: Frame, interval_s: float, optics: Optics) -> Expected | None:
         """Move the filter to this frame: what it expects of it. None when that is outside the picture, or beyond what
         the lens model holds for: nobody needs to look."""
         moment = self.track.predict(frame.stamp_ns)
@@ -87,7 +87,7 @@ class Whereabouts:
         if sized_sd < range_sd:
             circle = circle.resized(circle.r_px * range_m / sized_m)
             range_m, range_sd = sized_m, sized_sd
-        return Expected(circle, spread_px, range_m, range_sd, rate_px, interval_s, motion, exposure_known, reach_px)
+        return Expected(circle, spread_px, range_m, range_sd, rate_px, interval_s, motion, reach_px)
 
     def absence(self, frame: Frame, left: bool) -> Absence:
         """What is known of a lost marker, had it moved on evenly. One that would be outside the picture comes back
