@@ -136,6 +136,11 @@ class Opened:
         beside = self.path.resolve().parent
         self.settings_path = settings if settings is not None else beside / f"{stem}.settings.toml"
         self._settings = ours.settings if ours is not None else attended
+        seeds_path = seeds if seeds is not None else beside / f"{stem}.seeds.toml"
+        for kept in (seeds_path, self.settings_path):
+            _check_kept(kept, self.path)
+        if seeds_path.resolve() == self.settings_path.resolve():
+            raise UsageError(f"{seeds_path}: seeds and settings cannot be kept in one file")
         with ExitStack() as files:
             self.pictures = files.enter_context(
                 open_pictures(self.path, topic=topic, time=time, rate=rate, held_bytes=HELD_BYTES)
@@ -144,7 +149,7 @@ class Opened:
             """Frame number of the tracker's less the picture's index."""
             self.first, self.last = self.pictures.first_index + self.offset, self.pictures.count - 1 + self.offset
             self.answers = AnswerFile(
-                seeds if seeds is not None else beside / f"{stem}.seeds.toml",
+                seeds_path,
                 ours.answers if ours is not None else (),
                 self._check,
             )
@@ -333,6 +338,18 @@ class Opened:
             before = lane.measured_before(request.frame_index)
             found.append(Request(number, request, before, lane.measured_from(request.raised_at_frame_index)))
         return found
+
+
+def _check_kept(path: Path, source: Path) -> None:
+    """Raises UsageError for a place where nothing can be kept, or the input is."""
+    try:
+        if not path.resolve().parent.is_dir():
+            raise UsageError(f"{path}: there is no folder {path.parent}: create it first")
+        if path.exists() and (not path.is_file() or path.samefile(source)):
+            what = "is the input" if path.is_file() else "is no regular file"
+            raise UsageError(f"{path}: {what}: name another file to keep answers or settings in")
+    except (OSError, RuntimeError) as error:  # too long a name; a link that leads to itself
+        raise UsageError(f"{path}: cannot be written ({short(error)}): name another file") from error
 
 
 def _same(a: Answer, b: Answer) -> bool:
