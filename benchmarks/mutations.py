@@ -877,14 +877,14 @@ FAULTS = (
         "if False:", (OUTPUT,),
     ),
     Fault(
-        418, "outputs: no chunk ends at a full second", "io/output.py",
+        418, "outputs: no chunk ends at a half second", "io/output.py",
         "            self.flush()  # type: ignore[no-untyped-call]\n",
         "", (OUTPUT,),
     ),
     Fault(
         419, "outputs: a chunk ends with each step back", "io/output.py",
-        "if second > self._flushed_s:",
-        "if second != self._flushed_s:", (OUTPUT,),
+        "if halves > self._flushed_halves:",
+        "if halves != self._flushed_halves:", (OUTPUT,),
     ),
     Fault(
         420, "outputs: a write that failed leaves its first bytes", "io/output.py",

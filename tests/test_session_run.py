@@ -129,6 +129,22 @@ def test_no_more_frames_are_pending_than_two_lags():
     assert ahead <= 8
 
 
+@pytest.mark.parametrize(("rate_hz", "most"), [(25, 14), (60, 31)])
+def test_no_more_than_half_a_second_is_pending(rate_hz, most):
+    taken, pending = [], []
+
+    def source():
+        for i in range(2 * most):
+            taken.append(i)
+            yield BgrFrame(i, i * NS_PER_S // rate_hz, image(0))
+
+    for given, result in enumerate(lone(lag=60).run(source())):
+        assert result.frame_index == given
+        pending.append(len(taken) - given)
+    assert max(pending) == most
+    assert len(pending) == 2 * most
+
+
 def test_a_frame_is_not_held_back_with_its_result():
     """Memory stays flat: results do not keep the pictures."""
     import gc

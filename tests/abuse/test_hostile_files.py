@@ -239,6 +239,31 @@ def test_settings_and_cameras_that_are_pipes_do_not_wait(tmp_path: Path) -> None
         one_line(run("track", clip, "-o", tmp_path / "o.mcap", *seed, flag, tmp_path / name), 2, name, "regular file")
 
 
+@pytest.mark.parametrize(("flag", "other"), [("--seeds", "--settings"), ("--settings", "--seeds")])
+def test_the_page_keeps_nothing_in_the_input_nor_where_it_cannot(tmp_path: Path, flag: str, other: str) -> None:
+    clip = write_clip(tmp_path / "clip.mp4")
+    (tmp_path / "link.toml").symlink_to(clip)
+    (tmp_path / "round.toml").symlink_to("round.toml")
+    os.mkfifo(tmp_path / "pipe.toml")
+    for name, words in (
+        ("clip.mp4", "is the input"), ("link.toml", "is the input"), ("pipe.toml", "is no regular file"),
+        (".", "is no regular file"), ("none/s.toml", "no folder"), ("x" * 300, "cannot be written"),
+        ("round.toml", "cannot be written"),
+    ):  # fmt: skip
+        one_line(run("annotate", clip, "--no-browser", flag, tmp_path / name), 2, words)
+    both = tmp_path / "s.toml"
+    one_line(run("annotate", clip, "--no-browser", flag, both, other, both), 2, "in one file")
+
+
+def test_answers_about_frames_that_there_are_not_are_refused(tmp_path: Path) -> None:
+    clip, recording_, seeds = write_clip(tmp_path / "clip.mp4"), tmp_path / "r.mcap", tmp_path / "seeds.toml"
+    assert run("track", clip, "-o", recording_, *SEED).code == 0
+    seeds.write_text("[[seeds]]\nkind = 'hidden'\nmarker = 'orange'\nframe = 3\nto_frame = 99999\n")
+    outcome = run("retrack", recording_, "--seeds", seeds, "-o", tmp_path / "o.mcap")
+    one_line(outcome, 2, "frames 3 to 99999", "there are frames 0 to 15")
+    assert not list(tmp_path.glob("o.mcap*"))
+
+
 # --- the boundary itself ---
 
 

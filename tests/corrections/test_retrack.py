@@ -361,7 +361,7 @@ def test_the_file_is_whole_by_every_reader(folder):
 def test_a_channel_all_of_whose_first_messages_were_replaced_is_still_known_to_who_reads_on(folder, tmp_path):
     """Its record was in the chunk that was written anew, and its next messages are in one that was copied."""
     api.track(folder / "film.mp4", tmp_path / "base.mcap", Settings(markers=SETTINGS.markers), FIRST)
-    second = [Hidden("elbow", 1, 119)]  # chunks end at full seconds
+    second = [Hidden("elbow", 1, 119)]  # chunks end at half seconds
     api.retrack(tmp_path / "base.mcap", tmp_path / "out.mcap", [*FIRST, *second])
     before, after = (
         [row for row in rows(tmp_path / f"{name}.mcap") if row[0] == "/markers/elbow/votes"] for name in ("base", "out")

@@ -9,10 +9,12 @@ import cv2
 import media
 import numpy as np
 import pytest
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
 from clips import write_messages
 from spheremcap.io.encode import H264Encoder
+from spheremcap.io.folder import PictureFolder
 from spheremcap.io.mcap_images import McapImageSource
 from spheremcap.io.picture import DecodedFrame, is_cut_jpeg, is_jpeg, still_image
 from spheremcap.io.video import VideoSource
@@ -115,3 +117,17 @@ def test_the_size_of_a_jpeg_is_found_behind_its_other_segments(options: list[int
     comment = b"\xff\xfe" + (2 + 300).to_bytes(2, "big") + b"\xff\xc0" * 150  # looks like a frame header, and is none
     assert _still_size(data[:2] + comment + data[2:]) == (70, 50)
     assert still_image(data[:2] + comment + data[2:]).shape == (50, 70, 3)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp"])
+def test_a_folder_and_a_recording_of_the_same_stills_give_the_same_pixels(tmp_path: Path, suffix: str) -> None:
+    folder = tmp_path / "stills"
+    folder.mkdir()
+    stills = [cv2.imencode(suffix, media.picture(i))[1].tobytes() for i in range(3)]
+    for i, data in enumerate(stills):
+        (folder / f"{i}{suffix}").write_bytes(data)
+    messages = [CompressedImage(format=suffix[1:], data=data) for data in stills]
+    path = write_messages(tmp_path / "a.mcap", "/front/image", messages)
+    with PictureFolder(folder, Fraction(30)) as numbered, McapImageSource(path) as topic:
+        for a, b in zip(numbered.frames(), topic.frames(), strict=True):
+            np.testing.assert_array_equal(a.full, b.full)

@@ -19,7 +19,7 @@ def recover(
     """Make a whole, indexed MCAP of one that an interrupted run left, or that is damaged.
 
     While a run writes OUT.mcap, the file is called OUT.mcap.part. Where the run was killed or its machine went down,
-    that is what is left: everything up to the last full second. All that can be read is copied as it is, in the order
+    that is what is left: everything up to the last second. All that can be read is copied as it is, in the order
     of log times; what was lost is said, with exit code 3. The part file stays: delete it once you have looked.
 
         spheremcap recover session.mcap.part -o session.mcap

@@ -134,10 +134,12 @@ def check(run: Run, answers: Sequence[Answer], path: Path) -> None:
     check_answers(answers, names, run.camera.width_px, run.camera.height_px)
     first, last = run.states.first_index, run.states.last_index
     for answer in answers:
-        if not first <= answer.frame_index <= last:
-            raise UsageError(
-                f"{path}: seed of {answer.marker} on frame {answer.frame_index}: there are frames {first} to {last}"
+        end = answer.frame_index if isinstance(answer, Seed) else answer.to_frame_index
+        if not first <= answer.frame_index <= end <= last:
+            there = (
+                f"frame {answer.frame_index}" if isinstance(answer, Seed) else f"frames {answer.frame_index} to {end}"
             )
+            raise UsageError(f"{path}: seed of {answer.marker} on {there}: there are frames {first} to {last}")
 
 
 @contextmanager

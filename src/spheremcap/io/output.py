@@ -292,7 +292,7 @@ class SharedWriter(Writer):
     """An mcap Writer for several sources: the same schema, channel or metadata record is stored once.
 
     It can be handed to McapLog, whose messages then share schemas with those that are copied. A chunk ends, and goes to
-    the file, at each full second of log time at the latest, so a process that is killed loses no more than that. Set
+    the file, at each half second of log time at the latest, so a process that is killed loses no more than that. Set
     `complete` to False, and the file stays OUT.part, finished and readable.
     """
 
@@ -305,7 +305,7 @@ class SharedWriter(Writer):
         self.counts: Counter[str] = Counter()
         self.renamed: dict[str, str] = {}
         self.end_ns: int | None = None
-        self._flushed_s = -1
+        self._flushed_halves = -1
         self._schema_ids: dict[tuple[str, str, bytes], int] = {}
         self._channel_ids: dict[tuple[str, str, int, frozenset[tuple[str, str]]], int] = {}
         self._metadata: dict[str, list[dict[str, str]]] = {}
@@ -330,10 +330,10 @@ class SharedWriter(Writer):
 
     def add_message(self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0) -> None:
         """As in Writer; `counts` goes by topic, `end_ns` is the last message's log time."""
-        second = log_time // NS_PER_S
-        if second > self._flushed_s:
+        halves = log_time // (NS_PER_S // 2)
+        if halves > self._flushed_halves:
             self.flush()  # type: ignore[no-untyped-call]
-            self._flushed_s = second
+            self._flushed_halves = halves
         super().add_message(channel_id, log_time, data, publish_time, sequence)
         self.counts[self.topics[channel_id]] += 1
         self.end_ns = log_time

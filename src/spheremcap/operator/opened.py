@@ -102,6 +102,11 @@ class Opened:
         stem = self.path.with_suffix("").name or self.path.name
         beside = self.path.resolve().parent
         self.settings_path = settings if settings is not None else beside / f"{stem}.settings.toml"
+        seeds_path = seeds if seeds is not None else beside / f"{stem}.seeds.toml"
+        for kept in (seeds_path, self.settings_path):
+            _check_kept(kept, self.path)
+        if seeds_path.resolve() == self.settings_path.resolve():
+            raise UsageError(f"{seeds_path}: seeds and settings cannot be kept in one file")
         with ExitStack() as files:
             runs: list[Run] = []
             if attended is None and is_recording(self.path):
@@ -123,7 +128,7 @@ class Opened:
                 topics = {spec.name: run.topics.state(spec.name) for spec in run.specs}
                 self.lanes = Lanes(records, topics, courses_of(records, run.id), self.first, self.last)
             self.answers = AnswerFile(
-                seeds if seeds is not None else beside / f"{stem}.seeds.toml",
+                seeds_path,
                 [answer for one in runs for answer in named_answers(one, runs)],
                 self._check,
                 f"{self.camera_name}/" if self.cameras else "",
@@ -320,6 +325,18 @@ class Opened:
             before = course.measured_before(request.frame_index)
             found.append(Request(number, request, before, course.measured_from(request.raised_at_frame_index)))
         return found
+
+
+def _check_kept(path: Path, source: Path) -> None:
+    """Raises UsageError for a place where nothing can be kept, or the input is."""
+    try:
+        if not path.resolve().parent.is_dir():
+            raise UsageError(f"{path}: there is no folder {path.parent}: create it first")
+        if path.exists() and (not path.is_file() or path.samefile(source)):
+            what = "is the input" if path.is_file() else "is no regular file"
+            raise UsageError(f"{path}: {what}: name another file to keep answers or settings in")
+    except (OSError, RuntimeError) as error:  # too long a name; a link that leads to itself
+        raise UsageError(f"{path}: cannot be written ({short(error)}): name another file") from error
 
 
 def _same(a: Answer, b: Answer) -> bool:
