@@ -18,6 +18,7 @@ from spheremcap.cli import (
     export,
     info,
     layout,
+    live,
     merge,
     plot,
     recover,
@@ -68,7 +69,7 @@ def _root(
 
 for verb in (
     annotate.annotate, track.track, retrack.retrack, merge.merge, recover.recover, sync.sync, info.info, layout.layout,
-    export.export, render.render, plot.plot, view.view,
+    export.export, render.render, plot.plot, view.view, live.live,
     evaluate.evaluate, experiment.experiment, synth.synth,
 ):  # fmt: skip
     app.command(help=_paragraphs(verb.__doc__ or ""))(verb)
