@@ -40,12 +40,12 @@ from spheremcap.io.encode import H264Encoder, jpeg_encode
 from spheremcap.io.folder import PictureFolder
 from spheremcap.io.join import Join
 from spheremcap.io.mcap_images import McapImageSource
-from spheremcap.io.mcap_log import McapLog, RunInfo
+from spheremcap.io.mcap_log import McapLog, RunInfo, Sink
 from spheremcap.io.output import SharedWriter, checked_output, open_output
 from spheremcap.io.pictures import Pictures, open_pictures
 from spheremcap.io.recording import Recording, open
 from spheremcap.io.source import Source as FrameSource
-from spheremcap.io.sources import CameraView, FromMcap, fingerprint, open_input
+from spheremcap.io.sources import CameraView, FromMcap, Input, fingerprint, open_input
 from spheremcap.io.video import VideoSource
 from spheremcap.merging.dataset import Dataset, Source, merge
 from spheremcap.proposals import Proposal
@@ -75,6 +75,7 @@ __all__ = [
     "snap",
     "stretch_of",
     "track",
+    "track_input",
 ]
 
 
@@ -284,56 +285,88 @@ def track(
     nobody gave (`find`): its words go into the recording. `stop` is asked before every frame and ends the recording
     there, readable under OUT.part. Raises SpheremcapError.
     """
-    path, out = Path(source_path), Path(output)
-    given_files = [path, *inputs] + ([folder / settings.camera.file] if settings.camera.file is not None else [])
-    checked_output(out, given_files, overwrite=overwrite)
+    path = Path(source_path)
     packets = settings.output.video in ("auto", "passthrough")
+    checked_output(output, _given_files(path, settings, folder, inputs), overwrite=overwrite)
     with open_input(path, mcap, start_time_ns=start_time_ns, rate=rate, packets=packets) as given:
-        report = TrackReport(out)
-        shared = RunInfo(path.name, *fingerprint(path))
-        cameras = [_Camera(*one, folder, shared, found) for one in _by_camera(given.views, settings, seeds)]
-        hints = [view.source.frame_count_hint for view in given.views]
-        done, expected = 0, sum(hint or 0 for hint in hints) if all(hints) else None
+        return track_input(
+            given, RunInfo(path.name, *fingerprint(path)), output, settings, seeds, folder=folder, inputs=inputs,
+            overwrite=overwrite, operator=operator, found=found, progress=progress, stop=stop,
+        )  # fmt: skip
 
-        def go_on() -> bool:
-            nonlocal done
-            report.stopped = report.stopped or stop()
-            if not report.stopped:
-                done += 1
-                progress(done, expected)
-            return not report.stopped
 
-        with (
-            open_output(out, given_files, overwrite=overwrite, compression=settings.output.compression) as writer,
-            ExitStack() as logs,
-        ):
-            copy = Join(writer, given.streams, lambda written: not stop())
-            for camera in cameras:
-                logs.enter_context(camera.begin(writer))
-                if operator is not None:
-                    camera.attend(operator, logs)
-            last_ns = 0
-            steps = [logs.enter_context(closing(camera.steps(go_on))) for camera in cameras]
-            with in_order() as writing:
-                for log_ns, write in heapq.merge(*steps, key=lambda step: step[0]):
-                    writing(copy.until, log_ns)
-                    writing(write)
-                    last_ns = log_ns
-            for camera in cameras:
-                camera.end(report, last_ns)
-            if not report.stopped:
-                copy.rest()
-                report.stopped = copy.stopped
-            seeds = [*seeds, *(answer for camera in cameras for answer in camera.answers)]
-            answered = len(base_seeds(seeds)) < len(seeds) and not report.stopped
-            writer.complete = not report.stopped and not answered
-            report.part = writer.part if report.stopped and writer.counts else None
-            report.notes += writer.notes
-        report.lost = given.lost() + report.lost
+def track_input(
+    given: Input,
+    run: RunInfo,
+    output: str | os.PathLike[str],
+    settings: Settings,
+    seeds: Sequence[Answer],
+    *,
+    folder: Path = Path(),
+    inputs: Sequence[Path] = (),
+    overwrite: bool = False,
+    operator: Operator | None = None,
+    found: Found | None = None,
+    sink: Callable[[SharedWriter], Sink] = lambda writer: writer,
+    progress: Progress = lambda done, total: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> TrackReport:
+    """`track` of what is open already, which whoever opened it closes; `run` is what is known of it.
+
+    `sink` makes of the recording's writer what our messages are added to. The other parameters are those of `track`.
+    """
+    out = Path(output)
+    given_files = _given_files(given.path, settings, folder, inputs)
+    report = TrackReport(out)
+    cameras = [_Camera(*one, folder, run, found) for one in _by_camera(given.views, settings, seeds)]
+    hints = [view.source.frame_count_hint for view in given.views]
+    done, expected = 0, sum(hint or 0 for hint in hints) if all(hints) else None
+
+    def go_on() -> bool:
+        nonlocal done
+        report.stopped = report.stopped or stop()
+        if not report.stopped:
+            done += 1
+            progress(done, expected)
+        return not report.stopped
+
+    with (
+        open_output(out, given_files, overwrite=overwrite, compression=settings.output.compression) as writer,
+        ExitStack() as logs,
+    ):
+        copy = Join(writer, given.streams, lambda written: not stop())
+        added = sink(writer)
+        for camera in cameras:
+            logs.enter_context(camera.begin(added))
+            if operator is not None:
+                camera.attend(operator, logs)
+        last_ns = 0
+        steps = [logs.enter_context(closing(camera.steps(go_on))) for camera in cameras]
+        with in_order() as writing:
+            for log_ns, write in heapq.merge(*steps, key=lambda step: step[0]):
+                writing(copy.until, log_ns)
+                writing(write)
+                last_ns = log_ns
+        for camera in cameras:
+            camera.end(report, last_ns)
+        if not report.stopped:
+            copy.rest()
+            report.stopped = copy.stopped
+        seeds = [*seeds, *(answer for camera in cameras for answer in camera.answers)]
+        answered = len(base_seeds(seeds)) < len(seeds) and not report.stopped
+        writer.complete = not report.stopped and not answered
+        report.part = writer.part if report.stopped and writer.counts else None
+        report.notes += writer.notes
+    report.lost = given.lost() + report.lost
     if answered and writer.part is not None:
         ids = [camera.run_id for camera in cameras]
-        _answer(report, writer.part, path, seeds, ids, given_files, overwrite, progress, stop)
+        _answer(report, writer.part, given.path, seeds, ids, given_files, overwrite, progress, stop)
     return report
+
+
+def _given_files(path: Path, settings: Settings, folder: Path, inputs: Sequence[Path]) -> list[Path]:
+    """What the output must not be."""
+    return [path, *inputs, *([folder / settings.camera.file] if settings.camera.file is not None else [])]
 
 
 def _answer(
@@ -491,7 +524,7 @@ class _Camera:
         """The id of its run in the recording."""
         return self._run.id
 
-    def begin(self, writer: SharedWriter) -> McapLog:
+    def begin(self, writer: Sink) -> McapLog:
         """Start this camera's part of the recording."""
         size_px = self._camera.width_px, self._camera.height_px
         self._log = McapLog(
@@ -550,7 +583,8 @@ class _Camera:
     def steps(self, go_on: Callable[[], bool]) -> Generator[tuple[int, Callable[[], None]], None, None]:
         """For each frame the log time of its messages, which never falls, and what writes them.
 
-        `go_on` is asked before each frame. Pictures are decoded and encoded ahead, until this is closed.
+        `go_on` is asked before each frame. Pictures are decoded and encoded ahead, until this is closed; live ones as
+        they are due, since those that come later are newer.
         """
         source = self._view.source
         encode = self._encode or (lambda frame: None)
@@ -572,14 +606,17 @@ class _Camera:
                     self._attended.after(frame, self._session.latest)
 
         log_ns = 0
-        with closing(ahead((frame, encode(frame)) for frame in source.frames())) as pictures:
+        made = ((frame, encode(frame)) for frame in source.frames())
+        with closing(made if self._view.live else ahead(made)) as pictures:
             try:
                 for result in self._session.run(frames()):
                     log_ns = max(log_ns, result.stamp_ns)
                     picture, overview = waiting.popleft()
                     yield log_ns, partial(self._write, result, picture, overview, step)
             except UsageError as error:
-                if not stopped:  # else the seeds that are left are no error
+                if self._view.live:  # what was filmed does not come again
+                    self._missing.append(str(error))
+                elif not stopped:  # else the seeds that are left are no error
                     raise UsageError(f"{source.path}: {error}") from error
 
     def _write(self, result: FrameResult, picture: EncodedPicture | None, overview: BgrImage | None, step: int) -> None:

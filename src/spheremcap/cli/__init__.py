@@ -18,6 +18,7 @@ from spheremcap.cli import (
     export,
     info,
     layout,
+    live,
     merge,
     plot,
     recover,
@@ -27,6 +28,7 @@ from spheremcap.cli import (
     synth,
     track,
     tune,
+    view,
 )
 from spheremcap.errors import SpheremcapError, UsageError, short
 from spheremcap.interrupt import Interrupted
@@ -67,7 +69,7 @@ def _root(
 
 for verb in (
     annotate.annotate, track.track, retrack.retrack, merge.merge, recover.recover, sync.sync, info.info, layout.layout,
-    export.export, render.render, plot.plot,
+    export.export, render.render, plot.plot, view.view, live.live,
     evaluate.evaluate, experiment.experiment, synth.synth,
 ):  # fmt: skip
     app.command(help=_paragraphs(verb.__doc__ or ""))(verb)

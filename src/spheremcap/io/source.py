@@ -22,6 +22,8 @@ class Losses:
     """Pictures without a time stamp of their own, or with one that did not come after the picture before."""
     out_of_order: int = 0
     """Pictures kept with a stamp that is not after the one before."""
+    skipped: int = 0
+    """Live pictures that nobody took before the next one came."""
     stopped: str | None = None
     """Why reading ended before the source's end, in one line; None when it did not."""
     first_reason: str | None = None
@@ -30,7 +32,7 @@ class Losses:
     """Damage of the file itself, a line each."""
 
     def __bool__(self) -> bool:
-        return bool(self.undecodable or self.damaged or self.stopped or self.file)
+        return bool(self.undecodable or self.damaged or self.skipped or self.stopped or self.file)
 
     def miss(self, reason: str) -> None:
         """One more that never became a picture."""
@@ -44,6 +46,7 @@ class Losses:
             (self.damaged, "damaged: kept as the decoder patched them"),
             (self.restamped, "without a usable time stamp: given one from their neighbours"),
             (self.out_of_order, "with a stamp that is not after the one before: kept"),
+            (self.skipped, "skipped: tracking was slower than the camera, and took the newest"),
         )
         lines = [*self.file, *(f"{count} picture{'s' * (count != 1)} {what}" for count, what in kinds if count)]
         if self.first_reason is not None:

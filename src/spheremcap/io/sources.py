@@ -45,13 +45,15 @@ class FromMcap:
 class CameraView:
     """One camera of the input. `name` goes before its markers' topics when there are several cameras.
 
-    `taken` are the topics that come into the output from the input. `notes` are for the user.
+    `taken` are the topics that come into the output from the input. `notes` are for the user. `live` is what does not
+    wait for whoever is slower.
     """
 
     source: Source
     name: str = ""
     taken: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
+    live: bool = False
 
     def lost(self) -> list[str]:
         """What could not be read, one line each that names the file, once the pictures have been."""
