@@ -12,6 +12,7 @@ import pytest
 from test_picture import recording
 
 from spheremcap.core.frame import Frame
+from spheremcap.io import video
 from spheremcap.io.annex_b import AnnexB
 from spheremcap.io.mcap_images import McapImageSource
 from spheremcap.io.pictures import open_pictures
@@ -66,6 +67,29 @@ def test_a_damaged_file_gives_the_same_pixels_every_time(tmp_path: Path, kind: s
     assert changed > 2
 
 
+def test_pictures_shown_before_a_damaged_one_that_they_are_made_from_are_as_one_thread_makes_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = {"bf": "3", "g": "15", "b-pyramid": "none", "b_strategy": "0"}
+    for seed in (10, 30, 31, 57):  # of 60, those that showed it
+        chance = random.Random(seed)
+        at = chance.randrange(16, 24)
+
+        def turn(data: bytes, packet: int, chance: random.Random = chance, at: int = at) -> bytes:
+            if packet != at:
+                return data
+            place, bit = chance.randrange(len(data) // 3, len(data)), 1 << chance.randrange(8)
+            return data[:place] + bytes([data[place] ^ bit]) + data[place + 1 :]
+
+        path = media.video(tmp_path / f"{seed}.mkv", 30, size=(320, 240), options=options, change=turn)
+        with VideoSource(path) as source:
+            found = pixels(source.frames(), 0)
+        monkeypatch.setattr(video, "open_video", lambda path, careful=False, real=video.open_video: real(path, True))
+        with VideoSource(path) as source:
+            assert found == pixels(source.frames(), 0), seed
+        monkeypatch.undo()
+
+
 def test_a_damaged_recording_gives_the_same_pixels_every_time(tmp_path: Path) -> None:
     whole = media.video(tmp_path / "a.mp4", 40, size=(320, 240), options={"bf": "0", "g": "15", "slices": "3"})
     with av.open(str(whole)) as container:
@@ -104,8 +128,6 @@ def test_a_picture_that_hangs_on_a_damaged_one_is_not_shown_where_the_decoder_co
 
 
 def test_clean_video_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from spheremcap.io import video
-
     opened = []
     monkeypatch.setattr(video, "open_video", lambda *a, real=video.open_video: opened.append(a) or real(*a))
     for name, options in (("a.mp4", {"bf": "0"}), ("b.mkv", {"bf": "3"})):

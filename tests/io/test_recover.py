@@ -22,19 +22,19 @@ def whole(tmp_path_factory):
     return path
 
 
-def test_a_run_that_was_cut_off_gives_all_full_seconds(tmp_path):
+def test_a_run_that_was_cut_off_gives_all_half_seconds(tmp_path):
     part, out = tmp_path / "out.mcap.part", tmp_path / "out.mcap"
     stamps = range(START, START + 4 * SECOND, SECOND // 10)
     with output.open_output(tmp_path / "running.mcap") as writer:
         channel = writer.register_channel("/x", "x", 0)
         for k, stamp in enumerate(stamps):
             writer.add_message(channel, stamp, b"1", stamp, k)
-            if k == 35:
+            if k == 37:
                 part.write_bytes(writer.part.read_bytes())  # what is there when the process is killed now
     done = recover(part, out)
-    assert sum(done.merged.counts.values()) == 30
-    assert done.merged.end_ns == stamps[29]
-    assert sequences(out) == (list(range(30)), True)
+    assert sum(done.merged.counts.values()) == 35
+    assert done.merged.end_ns == stamps[34]
+    assert sequences(out) == (list(range(35)), True)
     assert "no footer" in done.lost[0]
     assert "the run was cut off" in done.lost[-1]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.mcap", "out.mcap.part", "running.mcap"]

@@ -1,6 +1,7 @@
 """Pictures as viewers take them: H.264 in Annex B or JPEG, one picture per message; and small MP4 files.
 
-Every encoder runs with one thread and is given no byte that is not set: the same pictures give the same bytes.
+Every encoder runs with a fixed number of threads, a slice each, and is given no byte that is not set: the same pictures
+give the same bytes on every machine.
 """
 
 import itertools
@@ -84,7 +85,7 @@ class H264Encoder:
         keys = f"keyint={self._key_every}:min-keyint={self._key_every}:scenecut=0"
         context = av.CodecContext.create("libx264", "w")
         _set_up(
-            context, self.width_px, self.height_px, self._rate, 1 / self._rate, crf=self._crf,
+            context, self.width_px, self.height_px, self._rate, 1 / self._rate, threads=1, crf=self._crf,
             preset="superfast", tune="zerolatency", params=f"bframes=0:{keys}:repeat-headers=1:annexb=1",
         )  # fmt: skip
         _tag(context, self._matrix, self._full_range)
@@ -137,7 +138,7 @@ def write_video(
                     stream.time_base = time_base
                     context = stream.codec_context
                     _set_up(
-                        context, image.shape[1], image.shape[0], rate, time_base, crf=crf, bitrate=bitrate,
+                        context, image.shape[1], image.shape[0], rate, time_base, threads=2, crf=crf, bitrate=bitrate,
                         preset="veryfast", params=f"bframes={bframes}:keyint=60",
                     )  # fmt: skip
                     _tag(context, "bt709", False)
@@ -164,6 +165,7 @@ def _set_up(
     rate: Fraction,
     time_base: Fraction,
     *,
+    threads: int,
     crf: float,
     preset: str,
     params: str,
@@ -173,7 +175,7 @@ def _set_up(
     """Set libx264 up before it opens; `params` are x264's own, colon-separated."""
     context.width, context.height, context.pix_fmt = width_px, height_px, "yuv420p"
     context.time_base, context.framerate = time_base, rate
-    context.thread_count = 1  # slices and motion search of several depend on each other's pace, or may
+    context.thread_type, context.thread_count = "SLICE", threads
     options = {"preset": preset, "x264-params": params}
     if tune is not None:
         options["tune"] = tune
