@@ -43,7 +43,7 @@ def test_a_table_is_not_left_half_written(jobs, tmp_path):
             os.kill(os.getpid(), signal.SIGTERM)
             yield from rest
 
-        export._write_csv = lambda path, first, rest: write(path, first, signalled(rest))
+        export._write_csv = lambda path, first, rest, start_ns: write(path, first, signalled(rest), start_ns)
 
     with kills.old_output(job, tmp_path) as words:
         ending = kills.run(words, before)

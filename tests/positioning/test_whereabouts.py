@@ -44,7 +44,7 @@ def moving(start, velocity, frames=12, kalman=CALM, camera=CAMERA, position=None
 
 def expect(where, ahead, optics=None):
     stamp_ns = where.seen.stamp_ns + int(ahead * STEP_NS)
-    return where.expect(frame_at(stamp_ns), STEP_NS / NS_PER_S, optics or Optics(), True)
+    return where.expect(frame_at(stamp_ns), STEP_NS / NS_PER_S, optics or Optics())
 
 
 def test_it_is_expected_where_an_even_motion_brings_it():
@@ -81,7 +81,7 @@ def test_nothing_is_expected_once_it_is_surely_outside_the_picture():
     where = moving((0.03, 0.0, 0.8), (4.0, 0.0, 0.0))  # 12 px a frame
     seen = []
     for n in range(1, 12):
-        found = where.expect(frame_at(where.seen.stamp_ns + n * STEP_NS), 0.004, Optics(), True)
+        found = where.expect(frame_at(where.seen.stamp_ns + n * STEP_NS), 0.004, Optics())
         circle = where.image()
         spread_px = np.sqrt(where.track.now.covariance[0, 0]) / where.track.now.state[2] * CAMERA.fx_px
         out = outside_px(frame_at(0), circle)
@@ -285,14 +285,14 @@ def test_where_its_size_is_the_surer_it_says_how_far_and_how_large():
         if k:
             where.track.predict(k * slow)
         where.accept(k * slow, claim((0.0, 0.0, 0.8)), again=k == 0)
-    found = where.expect(frame_at(20 * slow), slow / NS_PER_S, Optics(), True)
+    found = where.expect(frame_at(20 * slow), slow / NS_PER_S, Optics())
     moment = where.track.now
     assert found.range_sd < 0.3 * np.sqrt(moment.covariance[2, 2]) / 0.8
     assert (found.range_m, found.range_sd) == where.size.expect(20 * slow)
     # A part that looks like a smaller whole moves the filter, not this.
     where.track.predict(20 * slow)
     where.accept(20 * slow, claim((0.0, 0.0, 0.96), sd_m=0.07), again=False)
-    found = where.expect(frame_at(21 * slow), slow / NS_PER_S, Optics(), True)
+    found = where.expect(frame_at(21 * slow), slow / NS_PER_S, Optics())
     assert found.range_m == pytest.approx(0.8, abs=0.01)
     assert found.circle.r_px == pytest.approx(circle_of_sphere(np.array([0, 0, 0.8]), RADIUS_M, CAMERA).r_px, rel=0.015)
 

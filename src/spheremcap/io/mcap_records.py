@@ -629,11 +629,12 @@ class MessageIndex:
         return self._count
 
     def message(self, number: int) -> RawMessage:
-        """The message with that number. Raises SourceError where the file's index said so, and there is none."""
+        """The message with that number. Raises IndexError when there is none, SourceError where only the file's index
+        says that there is."""
         found = self._message(number)
         if found is None:  # the file's index leads elsewhere: what the chunks hold counts
             self._locate(trusting=False)
-            found = self._message(number)
+            found = self._message(number) if number < self._count else None
         if found is None:
             raise SourceError(
                 f"{self._records.path}: is damaged: its index says that there are more messages than can be read"
@@ -667,8 +668,6 @@ class MessageIndex:
         return span, number - self._spans[span].before
 
     def _message(self, number: int) -> RawMessage | None:
-        if number >= self._count:
-            return None
         span, place = self._place(number)
         located = self._located(span)
         if place >= len(located.times):
