@@ -481,13 +481,8 @@ class _Camera:
             *aspect_of(source, [] if settings.camera.given or beside is not None else begun),
         )  # fmt: skip
         self._encode, video_note = _picture_maker(settings, view)
-        self._notes = [
-            camera_note,
-            video_note,
-            *filter(None, [source.chroma_note]),
-            *view.notes,
-            *(found.told if found is not None else ()),
-        ]
+        notes = camera_note, video_note, source.chroma_note, *view.notes, *(found.told if found is not None else ())
+        self._notes = [note for note in notes if note]
         self._missing = list(found.missing) if found is not None else []
         self._specs = [m.spec() for m in settings.markers]
         try:

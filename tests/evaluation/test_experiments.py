@@ -167,6 +167,11 @@ def test_settings_are_chosen_without_the_kind_that_they_are_scored_on(lab: Lab, 
         assert "th1 = 6" not in values["chosen instead of the default"]
 
 
+def test_one_kind_of_footage_alone_cannot_be_left_out(lab: Lab) -> None:
+    with pytest.raises(UsageError, match="--clips FOLDER"):
+        held_out.held_out(lab)
+
+
 def test_what_the_other_kinds_like_best_is_chosen_all_kinds_counting_alike() -> None:
     settings = {"a.b": (1.0, 2.0), "a.c": (3.0,)}
     many = {"default": 1.0, "a.b = 1": 0.8, "a.b = 2": 0.9, "a.c = 3": 1.0}

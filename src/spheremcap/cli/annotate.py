@@ -4,13 +4,12 @@ import getpass
 import sys
 import time
 import webbrowser
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from spheremcap.cli.extras import needed
 from spheremcap.cli.progress import loaded
 from spheremcap.errors import UsageError
 from spheremcap.interrupt import Interrupt
@@ -45,12 +44,8 @@ def annotate(
 
     Every answer is in the seeds file as soon as the page says saved. Ctrl-C ends it.
     """
-    try:
+    with needed("annotate", "operator"):
         from spheremcap.operator.server import Server
-    except ImportError as error:
-        raise UsageError(
-            f"annotate needs more: pip install 'spheremcap[operator]' ({error.name} is missing)"
-        ) from error
     from spheremcap.cli.track import rate_of
     from spheremcap.operator.opened import Opened
     from spheremcap.operator.page import Page
@@ -72,15 +67,6 @@ def annotate(
                 time.sleep(0.1)
     finally:
         page.close()
-
-
-@contextmanager
-def needed(what: str) -> Iterator[None]:
-    """Around imports of what only the page needs. Raises UsageError where the extra is not installed."""
-    try:
-        yield
-    except ImportError as error:
-        raise UsageError(f"{what} needs more: pip install 'spheremcap[operator]' ({error.name} is missing)") from error
 
 
 def login() -> str:

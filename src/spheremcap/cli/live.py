@@ -6,10 +6,11 @@ from typing import Annotated
 
 import typer
 
+from spheremcap.cli.extras import needed
 from spheremcap.cli.layout import beside
 from spheremcap.cli.progress import bar, loaded
 from spheremcap.cli.track import answers_of, time_ns
-from spheremcap.cli.view import Open, Port, connect, needed
+from spheremcap.cli.view import Open, Port, connect
 from spheremcap.interrupt import Interrupt
 
 
@@ -33,7 +34,7 @@ def live(
     and the exit code is then 3. Viewers get states, poses and votes of every tracked picture and at most 30 pictures a
     second; the recording has all. Ctrl-C ends the recording.
     """
-    with needed("live"):
+    with needed("live", "live"):
         from spheremcap.live.server import ViewerServer
         from spheremcap.live.tracking import track_live
     from spheremcap.config import Settings, load_settings, with_camera

@@ -267,9 +267,10 @@ def _page(
     rate: Fraction | None, interrupted: Interrupt,
 ) -> "Attending":  # fmt: skip
     """Whoever answers on the page, which opens at the first question."""
-    from spheremcap.cli.annotate import login, needed
+    from spheremcap.cli.annotate import login
+    from spheremcap.cli.extras import needed
 
-    with needed("--operator page"):
+    with needed("--operator page", "operator"):
         from spheremcap.operator.attending import Attending
     from spheremcap.operator.opened import Opened
     from spheremcap.operator.page import Page

@@ -2,15 +2,13 @@
 
 import sys
 import webbrowser
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from spheremcap.cli.extras import needed
 from spheremcap.cli.progress import loaded
-from spheremcap.errors import UsageError
 from spheremcap.interrupt import Interrupt
 
 if TYPE_CHECKING:
@@ -29,7 +27,7 @@ def view(
 
     It plays as soon as a viewer shows something of it. Ctrl-C ends it.
     """
-    with needed("view"):
+    with needed("view", "live"):
         from spheremcap.live.playback import Playback
     from spheremcap.io.mcap_records import McapRecords
 
@@ -42,15 +40,6 @@ def view(
             print(f"spheremcap: {recording}: {line}", file=sys.stderr)
         if records.damage():
             raise typer.Exit(3)
-
-
-@contextmanager
-def needed(verb: str) -> Iterator[None]:
-    """Around imports of what only a connection needs. Raises UsageError where the extra is not installed."""
-    try:
-        yield
-    except ImportError as error:
-        raise UsageError(f"{verb} needs more: pip install 'spheremcap[live]' ({error.name} is missing)") from error
 
 
 def connect(server: "ViewerServer", open_: bool) -> None:

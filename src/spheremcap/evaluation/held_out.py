@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from spheremcap.chain import ChainConfig
+from spheremcap.errors import UsageError
 from spheremcap.evaluation.lab import Lab
 from spheremcap.evaluation.metrics import Score
 from spheremcap.evaluation.protocol import Film, Trial, load_trials, run_alone, score_run
@@ -30,7 +31,7 @@ SETTINGS: Values = {
 }
 """Settings that footage decided, and what else each could have been."""
 DEFAULT = "default"
-_A_FAILURE = 5.0  # % of Dice that a frame without overlap, or a false one, weighs in a choice
+_A_FAULT = 5.0  # % of Dice that a failure or a false accept weighs in a choice, a % of the frames
 
 
 def held_out(lab: Lab, settings: Values = SETTINGS) -> Result:
@@ -41,6 +42,8 @@ def held_out(lab: Lab, settings: Values = SETTINGS) -> Result:
         kinds.setdefault("day" if trial.name.startswith("day-") else "racing", []).append(trial)
     for folder in lab.clips:
         kinds.setdefault(folder.resolve().name, []).extend(load_trials(folder))
+    if len(kinds) < 2:
+        raise UsageError("held-out: there is one kind of footage: give another, --clips FOLDER, as often as needed")
     every = [trial for trials in kinds.values() for trial in trials]
     loss: dict[str, list[dict[str, float]]] = {kind: [] for kind in kinds}
     whose = {id(trial): kind for kind, trials in kinds.items() for trial in trials}
@@ -81,7 +84,7 @@ def held_out(lab: Lab, settings: Values = SETTINGS) -> Result:
         "Settings chosen without a kind of footage, scored on it",
         f"Each of the settings that footage decided is tried at other values, alone ({tried}). For each kind the "
         "values are taken that the other kinds like best, all counting alike: the least of what is missing from Dice "
-        f"over all visible frames, in %, and {_A_FAILURE:g} for each % of frames without overlap or falsely accepted. "
+        f"over all visible frames, in %, and {_A_FAULT:g} for each failure or false accept, in % of the frames. "
         "Then all of them together are scored on the kind that was left out.",
         "spheremcap experiment held-out --clips FOLDER",
         (Table("One kind left out", cells),),
@@ -98,7 +101,7 @@ def _losses(trial: Trial, settings: Values) -> dict[str, float]:
         if score.accuracy_visible_pct is None:
             return {}
         wrong = 100 * (score.failures + score.false_accepts) / max(1, score.frames)
-        losses[key] = 100 - score.accuracy_visible_pct + _A_FAILURE * wrong
+        losses[key] = 100 - score.accuracy_visible_pct + _A_FAULT * wrong
     return losses
 
 
@@ -125,9 +128,9 @@ def chosen(loss: Mapping[str, list[dict[str, float]]], settings: Values = SETTIN
         key: float(np.mean([np.mean([one[key] for one in ones]) for ones in loss.values()]))
         for key in next(iter(loss.values()))[0]
     }
-    chosen = {}
+    best = {}
     for name, values in settings.items():
-        least, best = min((mean[f"{name} = {value:g}"], value) for value in values)
+        least, liked = min((mean[f"{name} = {value:g}"], value) for value in values)
         if least < mean[DEFAULT]:
-            chosen[name] = best
-    return chosen
+            best[name] = liked
+    return best

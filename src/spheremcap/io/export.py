@@ -17,7 +17,7 @@ from spheremcap.errors import SourceError, UsageError
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.output import checked_output, whole_file
 from spheremcap.io.recording import damage_line, iter_columns
-from spheremcap.io.selection import Selection, unit_of
+from spheremcap.io.selection import Selection
 
 Columns = Mapping[str, npt.NDArray[Any]]
 
@@ -96,7 +96,7 @@ def _write_csv(path: Path, first: Columns, rest: Iterator[Columns], start_ns: in
 
 def _write_excel(path: Path, first: Columns, rest: Iterator[Columns], start_ns: int) -> int:
     rows = 0
-    heads = [f"{name} [{unit}]" if (unit := unit_of(name)) else name for name in first if name != "stamp_ns"]
+    heads = [f"{name} [{unit}]" if (unit := _unit_of(name)) else name for name in first if name != "stamp_ns"]
     with path.open("w", encoding="utf-8-sig", newline="") as file:
         writer = csv.writer(file, delimiter=";", lineterminator="\r\n")
         writer.writerow(["time [s]", "UTC", *heads])
@@ -122,7 +122,7 @@ def _write_parquet(path: Path, first: Columns, rest: Iterator[Columns], start_ns
         raise UsageError("Parquet needs pyarrow: pip install 'spheremcap[parquet]', or export .csv") from None
     rows = 0
     schema = pa.schema(
-        pa.field(name, _arrow_type(pa, column), metadata={"unit": unit} if (unit := unit_of(name)) else None)
+        pa.field(name, _arrow_type(pa, column), metadata={"unit": unit} if (unit := _unit_of(name)) else None)
         for name, column in first.items()
     )
     with pq.ParquetWriter(path, schema) as writer:
@@ -150,3 +150,11 @@ def _absent(column: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
 
 def _arrow_type(pa: Any, column: npt.NDArray[Any]) -> Any:
     return {"f": pa.float64, "i": pa.int64, "U": pa.string}[column.dtype.kind]()
+
+
+def _unit_of(column: str) -> str:
+    """The unit of a column of `Track.columns`, by its name; "" where it has none."""
+    for ending, unit in (("_mps", "m/s"), ("_px", "px"), ("_ns", "ns"), ("_m", "m")):
+        if column.endswith(ending):
+            return unit
+    return {"vote_sum": "of 6", "visible": "of 1"}.get(column, "")

@@ -533,10 +533,8 @@ class McapImageSource:
                 self._miss(index, stamp_ns, "it is damaged, or made from a damaged one")
                 continue
             self.lost.damaged += bool(picture.is_corrupt)
-            if (
-                self._of_video is None
-            ):  # asking a picture for its side data ties it to itself: one alone is kept by that
-                self._of_video = DecodedPictures(picture)
+            # Asking a picture for its side data ties it to itself: so only one is ever asked.
+            self._of_video = self._of_video or DecodedPictures(picture)
             try:
                 frame = self._of_video.frame(index, stamp_ns, picture, copied=True)
             except (av.FFmpegError, ValueError) as error:

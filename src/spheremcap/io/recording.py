@@ -50,9 +50,8 @@ _TIMESTAMP = "google.protobuf.Timestamp"
 _DEEPEST = 8  # levels of a sensor's message that are looked into; a message may hold itself
 
 _STATUS = {_pb.MarkerState.Status.Value(status.value): status.value for status in Status}
-_STATUS |= dict(
-    enumerate(("SEEDED", "VERIFIED", "ESTIMATED", "LOST", "OUT_OF_VIEW"), 1)
-)  # of before colours went by it
+# Their numbers before viewers' colours went by them.
+_STATUS |= dict(enumerate(("SEEDED", "VERIFIED", "ESTIMATED", "LOST", "OUT_OF_VIEW"), 1))
 _VERDICT = {_pb.MarkerVotes.Verdict.Value(verdict.value): verdict.value for verdict in Verdict}
 _NAN3 = (math.nan,) * 3
 _NAN9 = (math.nan,) * 9

@@ -48,11 +48,3 @@ class Selection:
         for marker in self.markers:
             if marker not in there:
                 raise UsageError(f"{path}: no marker {marker!r}; there are: {', '.join(sorted(there)) or 'none'}")
-
-
-def unit_of(column: str) -> str:
-    """The unit of a column of `Track.columns`, by its name; "" where it has none."""
-    for ending, unit in (("_mps", "m/s"), ("_px", "px"), ("_ns", "ns"), ("_m", "m")):
-        if column.endswith(ending):
-            return unit
-    return {"vote_sum": "of 6", "visible": "of 1"}.get(column, "")
