@@ -167,6 +167,14 @@ def test_settings_are_chosen_without_the_kind_that_they_are_scored_on(lab: Lab, 
         assert "th1 = 6" not in values["chosen instead of the default"]
 
 
+def test_no_kind_has_a_say_in_its_own_row(lab: Lab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(lab.folder / "sessions" / "clean", tmp_path / "clips" / "one")
+    asked: list[set[str]] = []
+    monkeypatch.setattr(held_out, "chosen", lambda loss, settings: asked.append(set(loss)) or {})
+    held_out.held_out(replace(lab, clips=(tmp_path / "clips",)), {})
+    assert asked == [{"clips"}, {"racing"}]
+
+
 def test_one_kind_of_footage_alone_cannot_be_left_out(lab: Lab) -> None:
     with pytest.raises(UsageError, match="--clips FOLDER"):
         held_out.held_out(lab)

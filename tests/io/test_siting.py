@@ -65,10 +65,29 @@ def test_a_picture_that_does_not_tell_says_so_and_is_left_alone():
             assert not lies_midway(*shown)
 
 
-def test_a_picture_that_hardly_tells_is_not_taken_at_its_word():
-    """Noise drowns most of what the colours have to say; the standard's place holds unless three deviations speak."""
-    unsure = [planes(patches(seed, (240, 320), 12.0), siting) for seed in range(12) for siting in ("left",)]
-    assert not any(lies_midway(*shown) for shown in unsure)
+def displaced(seed: int, place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Planes whose chroma lies `place` columns right of the left one of its two."""
+    picture = patches(seed)
+    y, _, _ = planes(picture, "left")
+    shift = np.array([[1.0, 0.0, -place], [0.0, 1.0, 0.0]])
+    moved = cv2.warpAffine(picture, shift, picture.shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    _, u, v = planes(moved, "left")
+    return y, u, v
+
+
+@pytest.mark.parametrize("place", [-0.25, 0.2, 0.3, 0.7])
+def test_chroma_between_the_usual_places_is_found_there(place):
+    for seed in range(3):
+        assert chroma_place(*displaced(seed, place))[0] == pytest.approx(place, abs=0.08)
+
+
+def test_what_may_as_well_be_the_standard_place_is_taken_for_it():
+    """A little more than half-way to the middle, but by less than three deviations."""
+    for seed in range(3):
+        shown = displaced(seed, 0.266)
+        place, sd = chroma_place(*shown)
+        assert 0.3 < place < 0.3 + 3 * sd
+        assert not lies_midway(*shown)
 
 
 def film(path: Path, siting: str, said: str | None = None) -> Path:
