@@ -3,11 +3,12 @@
 usage: python benchmarks/abuse/kills.py [--kills 100] [--ends 50] [--full 20] [--seed 1]
 
 `kill -9`, then SIGTERM, SIGHUP and SIGINT, at random moments of `track` (a video, and a recording that is copied),
-`merge`, `export`, `recover` and `retrack`, each with an output that exists already; and disks that are full at so many
-places (a small tmpfs where it can be mounted, else a limit on the size of files). Each run is a process of its own,
-forked from this one, which has imported and compiled everything. What is there afterwards is read with the mcap
-package's stream reader and held against the same run left alone: its first messages, none missing, none twice, none
-changed, up to the last half second of log time that the run had come to, and of what was tracked all but a second.
+`merge`, `export`, `recover` and `retrack`, each with an output that exists already; disks that are full at so many
+places (a small tmpfs where it can be mounted, else a limit on the size of files); and a table that is interrupted. Each
+run is a process of its own, forked from this one, which has imported and compiled everything and has no other thread.
+What is there afterwards is read with the mcap package's stream reader and held against the same run left alone: its
+first messages, none missing, none twice, none changed, up to the last half second of log time that the run had come to,
+and of what was tracked all but a second.
 """
 
 import argparse
@@ -31,6 +32,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -44,6 +46,7 @@ from spheremcap.core.estimate import FrameResult, MarkerEstimate, Status
 from spheremcap.core.frame import Frame
 from spheremcap.core.marker import MarkerSpec
 from spheremcap.core.time import NS_PER_S
+from spheremcap.io import export
 from spheremcap.io.encode import write_video
 from spheremcap.io.mcap_log import McapLog
 from spheremcap.io.mcap_records import Piece
@@ -51,7 +54,7 @@ from spheremcap.io.output import SharedWriter
 from spheremcap.io.rewrite import ChunkWriter
 from spheremcap.session import Session
 
-for name in ("api", "cli", "io.export", "io.recover", "merging.dataset"):  # before the runs are forked off
+for name in ("api", "cli", "io.recover", "merging.dataset"):  # before the runs are forked off
     importlib.import_module(f"spheremcap.{name}")
 
 cv2.setNumThreads(1)  # threads do not come along into a fork
@@ -322,6 +325,25 @@ def full_disks(jobs: list[Job], folder: Path, places: int) -> tuple[str, Left]:
     return how, left
 
 
+def interrupted_table(jobs: list[Job], folder: Path) -> str:
+    """What an export leaves that is told to end once the first rows of its table are written."""
+    job = next(job for job in jobs if job.name == "export")
+
+    def before() -> None:
+        write = export._write_csv
+
+        def signalled(rest: Iterator[Any]) -> Iterator[Any]:
+            os.kill(os.getpid(), signal.SIGTERM)
+            yield from rest
+
+        export._write_csv = lambda path, first, rest, start_ns: write(path, first, signalled(rest), start_ns)
+
+    with old_output(job, folder) as words:
+        ending = run(words, before)
+        assert (ending.code, ending.said) == (1, "spheremcap: interrupted\n"), ending
+        return checked(job, folder, ending, killed=False)
+
+
 def _limit(size: int | None) -> None:
     if size is not None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
@@ -356,6 +378,7 @@ def main() -> None:
         print(table(f"{given.ends} times SIGTERM, SIGHUP or SIGINT", left), flush=True)
         how, left = full_disks(jobs, work, given.full)
         print(table(f"{given.full} full disks ({how})", left))
+        print(f"\nan export that is told to end after its first rows: {interrupted_table(jobs, work)}")
     print("\neverything that had been written is there, once; no old output was touched; no traceback")
 
 

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from spheremcap.errors import SourceError
 from spheremcap.io.join import OutMessage
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.rewrite import ChunkWriter
 
 
-def stored(path: Path, chunks: list[list[int]]) -> Path:
+def stored(path: Path, chunks: list[list[int]], compression: str = "zstd") -> Path:
     """A recording whose chunks have messages on /a at these times, and as many on /b a moment later."""
     with path.open("wb") as file:
         writer = ChunkWriter(file, {}, {})
@@ -18,7 +19,7 @@ def stored(path: Path, chunks: list[list[int]]) -> Path:
         ids = [writer.register_channel(topic, "", 0) for topic in ("/a", "/b")]
         for number, times in enumerate(chunks):
             told = [(time + k, id_, f"{number} {time}".encode()) for time in times for k, id_ in enumerate(ids)]
-            writer.write([OutMessage(time, time, 0, id_, data) for time, id_, data in told], "zstd")
+            writer.write([OutMessage(time, time, 0, id_, data) for time, id_, data in told], compression)
         writer.finish()
     return path
 
@@ -58,3 +59,21 @@ def test_where_messages_are_is_known_of_a_few_chunks_at_a_time(tmp_path: Path) -
         assert found._located.cache_info().currsize == 0  # nothing is looked up before it is asked for
         assert [found.log_time(number) for number in range(600)] == [5 * number for number in range(600)]
         assert found._located.cache_info().currsize <= 8
+
+
+def test_a_message_that_only_the_index_has_is_said_to_be_damaged(tmp_path: Path) -> None:
+    path = stored(tmp_path / "a.mcap", [[10, 20, 30, 40]], "")
+    data = bytearray(path.read_bytes())
+    at = data.index(b"0 10") - 22  # where the first message's record says its channel
+    assert data[at] in (1, 2)
+    data[at] = 3 - data[at]
+    path.write_bytes(data)
+    with McapRecords(path) as records:
+        found = records.index_of("/a")
+        assert len(found) == 4
+        assert [found.message(number).log_time for number in range(3)] == [20, 30, 40]
+        for wanted in (found.message, found.log_time):
+            with pytest.raises(SourceError, match="more messages than can be read"):
+                wanted(3)
+        with pytest.raises(IndexError):
+            found.message(4)

@@ -290,7 +290,7 @@ def test_what_was_tracked_again_can_be_discarded_and_the_circle_is_in_the_hand_a
     hand.press("Enter")
     hand.wait(lambda: hand.seen("#trial"))
     hand.press("Escape")
-    hand.wait(lambda: not hand.seen("#trial"))
+    hand.wait(lambda: not hand.seen("#trial") and hand.circle() is not None)
     assert near(hand.circle(), wrist(75))
     assert len(answers_beside(recording)) == 2
 

@@ -119,7 +119,11 @@ def kernel(result: Any, *parameters: Any, at_import: bool = True) -> Callable[[C
                 notice.compile_beside()
             dispatcher = numba.njit(signature, cache=kept is not None, **_OPTIONS)(function)
         if not numba.config.DISABLE_JIT and not dispatcher.stats.cache_hits:
-            notice.missed(started)
+            if at_import:
+                notice.missed(started)
+            else:
+                spent = time.monotonic() - started
+                print(f"spheremcap: compiled {function.__name__} in {spent:.0f} s, once", file=sys.stderr, flush=True)
         return dispatcher
 
     return compiled

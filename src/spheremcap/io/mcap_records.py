@@ -624,6 +624,7 @@ class MessageIndex:
         counted = sum(records.counts.get(i, 0) for i in self._channels)
         if len(self) != counted:
             self._locate(trusting=False)
+        self._promised = len(self)
 
     def __len__(self) -> int:
         return self._count
@@ -634,16 +635,17 @@ class MessageIndex:
         found = self._message(number)
         if found is None:  # the file's index leads elsewhere: what the chunks hold counts
             self._locate(trusting=False)
-            found = self._message(number) if number < self._count else None
+            found = self._message(number)
         if found is None:
-            raise SourceError(
-                f"{self._records.path}: is damaged: its index says that there are more messages than can be read"
-            )
+            raise self._damaged()
         return found
 
     def log_time(self, number: int) -> int:
-        """The log time of a message, ns. Raises IndexError when there is none."""
+        """The log time of a message, ns. Raises as `message`."""
         span, place = self._place(number)
+        if place >= len(self._located(span).times):
+            self._locate(trusting=False)
+            span, place = self._place(number)
         return self._located(span).times[place]
 
     def before(self, log_time: int) -> int:
@@ -662,10 +664,17 @@ class MessageIndex:
 
     def _place(self, number: int) -> tuple[int, int]:
         """The span of a message, and its place in there."""
+        if self._count <= number < self._promised:  # fewer since the chunks were looked into
+            raise self._damaged()
         if not 0 <= number < self._count:
             raise IndexError(f"there is no message {number}")
         span = bisect_right(self._spans, number, key=lambda one: one.before) - 1
         return span, number - self._spans[span].before
+
+    def _damaged(self) -> SourceError:
+        return SourceError(
+            f"{self._records.path}: is damaged: its index says that there are more messages than can be read"
+        )
 
     def _message(self, number: int) -> RawMessage | None:
         span, place = self._place(number)
