@@ -228,7 +228,7 @@ class MarkerChain:
         stages, circle, self.misses = self._stages, claim.circle, 0
         stages.verifier.learn(patch, circle)
         stages.follower.learn(patch, circle)
-        stages.appearance.follow(patch, circle)
+        stages.appearance.follow(patch, circle, claim.visible)
         stages.shading.learn(frame.stamp_ns, partial(self._detector.outline.light, frame, claim))
 
     def _miss(self, frame: Frame, look: Look | None) -> None:

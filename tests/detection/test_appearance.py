@@ -97,7 +97,7 @@ def test_the_gain_follows_the_markers_brightness_by_half_a_frame(gain):
     middle = np.hypot(columns - local.x_px, rows - local.y_px) <= 0.6 * local.r_px
     target = np.median(darker.bgr.max(axis=2)[middle]) / appearance._value
     for k in range(1, 7):
-        appearance.follow(darker, CIRCLE)
+        appearance.follow(darker, CIRCLE, 1.0)
         assert appearance.gain == pytest.approx(target + (1 - target) * 0.5**k, abs=0.02)
     assert appearance.gain == pytest.approx(gain, rel=0.15)
 
@@ -105,15 +105,48 @@ def test_the_gain_follows_the_markers_brightness_by_half_a_frame(gain):
 def test_an_occluders_brightness_is_not_taken_in():
     appearance = seeded()
     patch = own_scale(picture(BALL), CIRCLE)
-    appearance.follow(patch, CIRCLE)
+    appearance.follow(patch, CIRCLE, 1.0)
     before = appearance.gain
     grey = picture(BALL, covers=(Cover(152, 90, 200, 140, (40, 40, 45)),))
-    appearance.follow(own_scale(grey, CIRCLE), CIRCLE)
+    appearance.follow(own_scale(grey, CIRCLE), CIRCLE, 0.5)
     assert appearance.gain == pytest.approx(before, abs=0.08)  # half of the ball is still to be seen
     covered = picture(BALL, covers=(Cover(120, 90, 200, 140, (40, 40, 45)),))
     before = appearance.gain
-    appearance.follow(own_scale(covered, CIRCLE), CIRCLE)
+    appearance.follow(own_scale(covered, CIRCLE), CIRCLE, 0.2)
     assert appearance.gain == before
+
+
+def mixed(image, share):
+    """A picture with a share of grey in it, as motion blur mixes the background into a marker."""
+    return np.rint((1 - share) * image + share * 110).astype(np.uint8)
+
+
+def test_a_seed_in_a_blurred_picture_learns_what_the_marker_is_in_a_clear_one():
+    """By whole outlines alone, and no further than half of the seed's own range on each side."""
+    clear, pale = own_scale(picture(BALL), CIRCLE), mixed(picture(BALL), 0.3)
+    appearance = seeded(pale)
+    before, box = appearance.shares(clear, CIRCLE)[0], appearance.box
+    assert before < 0.5 * appearance.inside
+    for _ in range(8):
+        appearance.follow(clear, CIRCLE, 0.9)
+    assert appearance.box == box
+    for _ in range(8):
+        appearance.follow(clear, CIRCLE, 1.0)
+    assert appearance.shares(clear, CIRCLE)[0] > before + 0.2
+    grown = appearance.box
+    assert (grown.hue_mean, grown.hue_half) == (box.hue_mean, box.hue_half)
+    for (low, high), (seed_low, seed_high) in ((grown.saturation, box.saturation), (grown.value, box.value)):
+        room = 0.5 * (seed_high - seed_low)
+        assert seed_low - room <= low <= seed_low
+        assert seed_high <= high <= seed_high + room
+
+
+def test_another_hue_is_not_learnt():
+    appearance = seeded()
+    box, other = appearance.box, np.ascontiguousarray(picture(BALL)[..., ::-1])
+    for _ in range(4):
+        appearance.follow(own_scale(other, CIRCLE), CIRCLE, 1.0)
+    assert appearance.box == box
 
 
 def test_limits_are_looked_up_anew_where_the_exposure_has_changed():

@@ -207,7 +207,7 @@ def test_a_slow_marker_is_looked_at_seldom_and_a_part_of_one_never():
     assert watched((3.0, 4.0)) == 3  # the 3rd, the 8th, the 24th
     assert watched((3.1, 4.1)) == 7  # the 1st to the 3rd, the 8th, the 12th, the 24th, the 36th
     assert watched((3.1, 4.1), visible=0.59) == 0
-    assert watched((60.0, 0.0)) == 0  # a streak so long that its blur is bounded tells no exposure
+    assert watched((90.0, 0.0)) == 0  # a streak so long that its blur is bounded tells no exposure
 
 
 def test_a_given_exposure_is_never_changed():

@@ -24,6 +24,10 @@ _STEP = 0.7  # px between samples on a ray
 _DEEP = 16  # samples between the edge and the deepest place, at most
 _READ_PLAINLY = 0.87  # of chroma's blur is left where every pixel has its own
 _SHARED = 2.5  # samples of chroma at half resolution that share an error
+_FEW_PX = 9.0  # a marker's radius below which too few pixels tell how its light falls off to carry half of it on
+_STILL = 1.5  # pixels of motion that leave the light as it is
+_BENT = 8.0  # radii times steps: from the square of such a way on the outline's bend counts
+_MOST_TIMES = 32
 _STEP_SD = 0.3  # of the step seen, over the step expected
 _CARRIED = 0.2  # share of the shading's variance where it has to be carried on by half the radius
 _TEXTURE = 0.0125  # share of the variance that the background has along the outline that is expected across it
@@ -41,6 +45,7 @@ def find_edges(
     thinned: bool = True,
     shading: FloatArray | None = None,
     way_px: FloatArray | None = None,
+    believed_px: FloatArray | None = None,
     squares: list[FloatArray] | None = None,
     sigma_px: float | None = None,
 ) -> EdgePoints | None:
@@ -48,7 +53,8 @@ def find_edges(
 
     The arguments are those of `spheremcap.detection.edge.find_edges`; not `thinned`: the part of a ray that is deep in
     the marker has places as close together as the part around the edge. With `way_px` the samples reach as far as that
-    blur needs, and `squares` gets the squares (N,) that are left, as `spheremcap.detection.edge.misfits_into` has them.
+    blur needs, the light is told from a blur of `believed_px`, and `squares` gets the squares (N,) that are left, as
+    `spheremcap.detection.edge.misfits_into` has them.
     """
     count = len(outline_px)
     ring = np.concatenate([outline_px[-1:], outline_px, outline_px[:1]])
@@ -57,9 +63,10 @@ def find_edges(
     normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
 
     across, along = normal @ blur_px, tangent @ blur_px
+    farthest = blur_px if way_px is None else way_px
     sigma = config.blur_sigma_px + 0.5 * config.chroma_sigma_px
     margin = sigma + 0.2
-    half_blur = np.abs(across if way_px is None else normal @ way_px) / 2
+    half_blur = np.abs(normal @ farthest) / 2
     outer = reach_px + margin + float(half_blur.max())
     inner = min(max(outer, 0.6 * r_px), 0.95 * r_px)
     step = _STEP * (1 if r_px < 40 else 2) * (2 if coarse else 1) * (1 if half_blur.max() < 2 else 1.4)
@@ -80,7 +87,8 @@ def find_edges(
 
     # Levels on either side, clear of the blurred edge, and the colour difference between them.
     clear = margin + half_blur
-    depth = np.minimum(clear + 0.5 * reach_px, 0.6 * inner)[:, None]
+    aside = r_px - np.sqrt(np.maximum(r_px**2 - (tangent @ farthest / 2) ** 2, 0))
+    depth = np.minimum(np.maximum(clear, margin + aside) + 0.5 * reach_px, 0.6 * inner)[:, None]
     deep = (u[None, :] < -depth) & (u[None, :] > -0.9 * r_px)
     close = deep & (u[None, :] > -depth - 0.15 * r_px - 0.5)
     far = u[None, :] > (clear + 0.5 * reach_px - 0.5)[:, None]
@@ -105,14 +113,23 @@ def find_edges(
     uu = u[near]
     v = np.arange(uu[0] - shift[-1], uu[-1] - shift[0] + fine / 2, fine)  # edge-centred abscissa
     if config.shading and not coarse:
-        limb = _limb(to_linear(samples[..., 0]), u, r_px, deep & inside[:, None], close, v)
+        lit_px = blur_px if believed_px is None else believed_px
+        lit = normal @ lit_px, tangent @ lit_px
+        way = float(np.hypot(*lit).max())
+        times = 1 if way < _STILL else min(max(int(way / _STILL), 4), _MOST_TIMES)
+        nz, light, cover = _towards(u, r_px, *lit, times), to_linear(samples[..., 0]), np.ones((count, len(u)))
+        if times > 1:
+            cover = _covers(np.maximum(r_px + u, 0)[None, :], lit[0][:, None], lit[1][:, None], r_px)
+            light = (light - (1 - cover) * to_linear(colour_out[:, :1])) / np.maximum(cover, 0.5)
+            nz = nz / np.maximum(cover, 0.5)
+        limb = _limb(light, nz, r_px, deep & inside[:, None] & (cover > 0.5), close, v)
         if shading is not None:
             limb = _taken_in(shading, u, r_px, close, v, limb)
     else:
         limb = np.ones((count, len(v)))
     chroma_sigma = config.chroma_sigma_px * (1 if frame.planes.grid[0] > 1 else _READ_PLAINLY)
     expected = _profile(
-        v, limb, colour_in, colour_out, across, along, r_px, sigma_px or config.blur_sigma_px, chroma_sigma
+        v, limb, colour_in, colour_out, across, along, depth[:, 0], r_px, sigma_px or config.blur_sigma_px, chroma_sigma
     )  # (N, V, 3)
     # Template for shift k at sample m: abscissa u_m - shift_k.
     index = (
@@ -156,7 +173,8 @@ def find_edges(
     sd = fine * np.sqrt(2 / bend)  # half the second derivative is the Fisher information
     keep = interior & (np.sqrt(power[rows, k]) > config.least_contrast) & (sd < 2.0)
     if limits is not None:
-        keep &= _marker_coloured(frame, outline_px + normal * (offset - 1.5 - half_blur - sigma)[:, None], limits)
+        back = np.maximum(offset - 1.5 - half_blur - sigma, -0.7 * r_px)
+        keep &= _marker_coloured(frame, outline_px + normal * back[:, None], limits)
     if keep.sum() < 6:
         return None
     points = outline_px + normal * offset[:, None]
@@ -243,9 +261,19 @@ def _taken_in(
     return np.where(close.any(axis=1)[:, None], both, limb)  # type: ignore[no-any-return]
 
 
+def _towards(u: FloatArray, r_px: float, across: FloatArray, along: FloatArray, times: int) -> FloatArray:
+    """The normal's share towards the camera at places `u` on each ray (N, M), its mean over so many times."""
+    out = np.zeros((len(across), len(u)))
+    from_centre = np.maximum(r_px + u, 0)[None, :]
+    for t in (np.arange(times) + 0.5) / times - 0.5:
+        away2 = from_centre**2 - 2 * t * from_centre * across[:, None] + t**2 * (across**2 + along**2)[:, None]
+        out += np.sqrt(np.maximum(1 - away2 / r_px**2, 0)) / times
+    return out
+
+
 def _limb(
     brightness: FloatArray,
-    u: FloatArray,
+    nz: FloatArray,
     r_px: float,
     where: npt.NDArray[np.bool_],
     close: npt.NDArray[np.bool_],
@@ -259,7 +287,6 @@ def _limb(
     second time. What differs from ray to ray is left to the free level of each: carrying it on to the limb was tried
     with spherical harmonics and moved the centre by 0.1 px.
     """
-    nz = np.sqrt(1 - np.clip(1 + u / r_px, 0, 1) ** 2)[None, :]
     limb_nz = np.sqrt(1 - np.clip(1 + v / r_px, 0, 1) ** 2)[None, :]
     keep = where.astype(np.float64)
     slope = 0.0
@@ -268,7 +295,9 @@ def _limb(
         level = np.maximum((brightness * keep).sum(axis=1, keepdims=True) / count, 1e-6)
         mean_nz = (nz * keep).sum(axis=1, keepdims=True) / count
         off_nz, off = (nz - mean_nz) * keep, (brightness / level - 1) * keep
-        slope = float((off_nz * off).sum() / ((off_nz * off_nz).sum() + 0.02 * keep.sum() + 1e-9))
+        squares = float((off_nz * off_nz).sum())
+        ridge = min(0.02 * keep.sum(), max(1.0, (_FEW_PX / r_px) ** 2) * squares)
+        slope = float((off_nz * off).sum() / (squares + ridge + 1e-9))
         rest = np.abs(off - slope * off_nz)
         kept = rest[keep > 0]
         if len(kept) < 24:
@@ -287,6 +316,7 @@ def _profile(
     colour_out: FloatArray,
     across: FloatArray,
     along: FloatArray,
+    depth: FloatArray,
     r_px: float,
     sigma: float,
     chroma_sigma: float,
@@ -301,7 +331,10 @@ def _profile(
     inwards = sigma**2 / (2 * r_px)
     step = np.clip(0.5 - (v + inwards) / fine, 0, 1)
     both = _gauss(np.concatenate([step[None, :], step * limb]), sigma / fine)
-    cover, light = _swept(both[0], both[1:], across / fine, along / fine, r_px / fine)
+    if float(np.hypot(across, along).max()) ** 2 > _BENT * r_px * fine:
+        cover, light = _streak(v, both[0], both[1:], across, along, depth, r_px)
+    else:
+        cover, light = _swept(both[0], both[1:], across / fine, along / fine, r_px / fine)
     inner, outer = to_linear(_to_bgr(colour_in)), to_linear(_to_bgr(colour_out))
     mixed = light[:, :, None] * inner[:, None, :] + (1 - cover)[:, :, None] * outer[:, None, :]
     coded = to_code(mixed) @ _BGR_TO_YCC.T
@@ -344,6 +377,38 @@ def _swept(
         left = sums[rows, one, low]
         swept.append(np.diff(left + part * both[rows, one, low], axis=1)[:, 0] / np.diff(ends, axis=1)[:, 0])
     return swept[0], swept[1]
+
+
+def _streak(
+    v: FloatArray,
+    cover: FloatArray,
+    light: FloatArray,
+    across: FloatArray,
+    along: FloatArray,
+    depth: FloatArray,
+    r_px: float,
+) -> tuple[FloatArray, FloatArray]:
+    """As `_swept`, place by place and time by time, in pixels; relative to what a place just beyond `depth` shows."""
+    way = np.hypot(across, along)
+    times = min(max(int(np.ceil(way.max())), 8), _MOST_TIMES)
+    swept = np.zeros((2, *light.shape))
+    for t in (np.arange(times) + 0.5) / times - 0.5:
+        for n, row in enumerate(light):
+            from_centre = r_px + v
+            away = np.sqrt(np.maximum(from_centre * (from_centre - 2 * t * across[n]) + (t * way[n]) ** 2, 0)) - r_px
+            swept[0, n] += np.interp(away, v, cover) / times
+            swept[1, n] += np.interp(away, v, row) / times
+    there = _covers(r_px - depth - 0.07 * r_px, across, along, r_px)
+    swept /= np.maximum(there, 0.25)[None, :, None]
+    return swept[0], swept[1]
+
+
+def _covers(from_centre: FloatArray, across: FloatArray, along: FloatArray, r_px: float) -> FloatArray:
+    """The share of the exposure for which a marker covers places on rays, so far from its centre."""
+    way = np.hypot(across, along)
+    on_way = from_centre * across / way
+    chord = np.sqrt(np.maximum(r_px**2 - from_centre**2 + on_way**2, 0))
+    return np.maximum(np.minimum(way / 2, on_way + chord) - np.maximum(-way / 2, on_way - chord), 0) / way
 
 
 _LEVELS = np.linspace(0, 1, 2049)

@@ -126,11 +126,11 @@ def test_seed_does_not_ask_a_claim_that_is_just_as_expected(changes, taken):
 @pytest.mark.parametrize(
     ("lost", "visible", "seeded", "least"),
     [
-        (False, 1.0, 1.0, 0.6),
+        (False, 0.9, 1.0, 0.54),
         (False, 0.5, 1.0, 0.3),
         (False, 0.4, 1.0, 0.24),
         (False, 0.1, 1.0, 0.24),  # little seen asks for no less
-        (False, 1.0, 0.5, 0.3),
+        (False, 0.9, 0.5, 0.27),
         (True, 1.0, 1.0, 0.8),
         (True, 0.5, 0.5, 0.2),
     ],
@@ -139,6 +139,22 @@ def test_colour_asks_for_the_seeds_colours_as_far_as_the_claim_is_seen(lost, vis
     case = {"lost": lost, "visible": visible, "seeded_colour": (seeded, 0.0)}
     assert passes("colour", **case, colour=(more(least), 0.0))
     assert not passes("colour", **case, colour=(less(least), 0.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "least"),
+    [
+        ({"visible": more(0.9)}, 0.27),
+        ({"visible": 0.9}, 0.54),
+        ({"surprise": more(1.0)}, 0.6),
+        ({"claim": HERE.shifted(11.9, 0)}, 0.3),
+        ({"claim": HERE.shifted(12.1, 0)}, 0.6),
+        ({"lost": True}, 0.8),
+    ],
+)
+def test_colour_asks_for_half_in_a_whole_outline_where_one_is_expected(changes, least):
+    assert CHECKS["colour"](replace(GOOD, **changes, colour=(more(least), 0.0)), JURY)
+    assert not CHECKS["colour"](replace(GOOD, **changes, colour=(less(least), 0.0)), JURY)
 
 
 def test_colour_asks_nothing_of_what_is_hidden():

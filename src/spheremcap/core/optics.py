@@ -18,7 +18,7 @@ from spheremcap.core.circle import Circle
 FloatArray = npt.NDArray[np.float64]
 
 _MOST_LEAN = 0.3  # pixels a row
-_MOST_BLUR = 2.0  # marker radii: a longer streak has no outline to be found
+_MOST_BLUR = 3.5  # marker radii: of a longer streak too little is left to be found
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,9 @@ from spheremcap.core.compiled import BGR, F8, I8, inner, kernel
 from spheremcap.core.frame import Patch
 from spheremcap.core.sampling import hsv_of
 from spheremcap.detection.colour import (
+    HUES,
     LIMITS,
+    ColourBox,
     ColourConfig,
     box_mask,
     disc_mask,
@@ -29,6 +31,8 @@ Mask = npt.NDArray[np.uint8]
 Limits = npt.NDArray[np.float64]
 
 _INSIDE, _RING = 0.8, (1.15, 1.5)  # radii up to which, and between which, contrast is taken
+_WHOLE = 0.9  # share of the outline of a circle that nothing hides
+_KNOWN = 0.8  # share of it in the box from which there is nothing to learn
 
 
 @inner
@@ -94,18 +98,42 @@ class Appearance:
     def __init__(self, patch: Patch, circle: Circle, visible: float, config: ColourConfig) -> None:
         """Learn from a seed's circle (image pixels). Raises ValueError when none of it is inside the picture."""
         pixels = disc_pixels(patch, circle, config.sample)
-        self.box = less_sure_of_hue(learn_box(pixels, config), pixels)
+        self._seeded = less_sure_of_hue(learn_box(pixels, config), pixels)
+        self._take(self._seeded)
         self.gain = 1.0
         self.visible = visible
         self._value = max(1.0, float(np.median(pixels[:, 2])))
-        self._any_value = replace(self.box, value=(0.0, 255.0)).limits()
         self.inside, self.around = self.shares(patch, circle)
 
-    def follow(self, patch: Patch, circle: Circle) -> None:
-        """Take the brightness of a verified circle in; an occluder's pixels do not count."""
+    def follow(self, patch: Patch, circle: Circle, visible: float) -> None:
+        """Take the brightness of a verified circle in; an occluder's pixels do not count. Where its outline is
+        `visible` as a whole, the box grows by what light and sharpness have made of the seed's hue, within bounds."""
         _, own, _, _, _, value = self._colours(patch, circle, -1.0, 0.6, self._any_value)
         if own > 8:
             self.gain += 0.5 * (self._gain_of(value) - self.gain)
+        if visible > _WHOLE:
+            count, own, *_ = self._colours(patch, circle, -1.0, _INSIDE, self.box.limits(self.gain))
+            if own < _KNOWN * count:
+                self._grow(disc_pixels(patch, circle, _INSIDE))
+
+    def _grow(self, pixels: Mask) -> None:
+        """Take the saturations and values of HSV pixels (N, 3) of the seed's hue into the box, on each side at most
+        half of the seed's own range."""
+        hue_off = np.abs((pixels[:, 0] - self.box.hue_mean + HUES / 2) % HUES - HUES / 2)
+        own = pixels[hue_off <= self.box.hue_half]
+        if len(own) < 0.5 * len(pixels):
+            return
+        grown = []
+        for channel, scale, (low, high), (now_low, now_high) in (
+            (1, 1.0, self._seeded.saturation, self.box.saturation),
+            (2, self.gain, self._seeded.value, self.box.value),
+        ):
+            room, (least, most) = 0.5 * (high - low), np.percentile(own[:, channel] / scale, (4, 96)).tolist()
+            grown.append((min(now_low, max(least, low - room, 0.0)), max(now_high, min(most, high + room, 255.0))))
+        self._take(replace(self.box, saturation=grown[0], value=grown[1]))
+
+    def _take(self, box: ColourBox) -> None:
+        self.box, self._any_value = box, replace(box, value=(0.0, 255.0)).limits()
 
     def limits(self, patch: Patch, near: Circle) -> Limits:
         """The limits (6,) that the marker's colours keep on this patch (`ColourBox.limits`); the exposure may have

@@ -117,14 +117,15 @@ def edges_into(
     widest, in_picture = _set_rays(y, outline, blur_x, blur_y, margin, normal, inside, across, along)
     if in_picture < 8:
         return 0, in_picture, 0.0
-    window, colours, direction, varies, limb, v_first, fine, half = _profiles(
-        y, u, v, grid, outline, normal, inside, across, r_px, reach_px, margin, widest, params, coarse, shading
-    )
+    window, colours, direction, varies, limb, v_first, fine, half, depth = _profiles(
+        y, u, v, grid, outline, normal, inside, across, along, 1.0, r_px, reach_px, margin, widest, params, coarse,
+        shading,
+    )  # fmt: skip
     shifts, chroma_sigma = 2 * half + 1, _chroma_sigma(grid, params)
     light, cover = np.empty((len(limb), count), np.float32), np.empty((len(limb), 1), np.float32)
     _through_lens(v_first, fine, limb, r_px, sigma, light, cover)
     shapes = np.empty((2, len(limb), count), np.float32)
-    _set_shapes(light, cover, fine, *colours, direction, across, along, r_px, chroma_sigma, shapes)
+    _set_shapes(light, cover, depth, v_first, fine, *colours, direction, across, along, r_px, chroma_sigma, shapes)
 
     cost, power = np.zeros((shifts, count), np.float32), np.zeros((shifts, count), np.float32)
     seen, left_over = np.zeros(count, np.float32), np.zeros(count, np.float32)
@@ -149,7 +150,7 @@ def edges_into(
         if not (math.sqrt(power[best, n]) > params[3] and deviation < 2.0):
             continue
         if len(limits) > 0:
-            back = moved - 1.5 - abs(across[n]) / 2.0 - soft
+            back = max(moved - 1.5 - abs(across[n]) / 2.0 - soft, -0.7 * r_px)
             if not _own_colour(
                 y, u, v, grid, outline[n, 0] + back * normal[n, 0], outline[n, 1] + back * normal[n, 1], limits
             ):
@@ -167,15 +168,17 @@ def edges_into(
 
 @inner
 def misfits_into(
-    y, u, v, grid, outline, r_px, reach_px, way_x, way_y, softnesses, exposures, sigma, params, shading, shown, out
-):
+    y, u, v, grid, outline, r_px, reach_px, way_x, way_y, believed, softnesses, exposures, sigma, params, shading,
+    shown, out,
+):  # fmt: skip
     """How badly each softness of the lens and exposure time explain the profiles across an outline (N, 2), into `out`
     (softnesses, exposures): the mean logarithm of the squares that are left, over the rays (N,) that `shown` an edge.
     False where there are too few.
 
     It falls by as much as the likelihood rises, were all candidates to explain the same samples: these reach as far as
     the longest exposure needs. A lens blurs all rays alike, motion those across it: so each is told from the other.
-    `way_x`, `way_y` is the motion in a frame interval, of which the exposures are shares; the rest as in `find_edges`.
+    `way_x`, `way_y` is the motion in a frame interval, of which the exposures are shares, `believed` the share by which
+    the light's fall towards the limb is told from its blur; the rest as in `find_edges`.
     """
     count = len(outline)
     normal, inside = np.empty((count, 2)), np.empty(count, np.float32)
@@ -187,9 +190,10 @@ def misfits_into(
         used += shown[n] and inside[n] > 0.0
     if used < 8:
         return False
-    window, colours, direction, _, limb, v_first, fine, half = _profiles(
-        y, u, v, grid, outline, normal, inside, across, r_px, reach_px, margin, widest, params, False, shading
-    )
+    window, colours, direction, _, limb, v_first, fine, half, depth = _profiles(
+        y, u, v, grid, outline, normal, inside, across, along, believed, r_px, reach_px, margin, widest, params, False,
+        shading,
+    )  # fmt: skip
     shifts, chroma_sigma = 2 * half + 1, _chroma_sigma(grid, params)
     shapes = np.empty((2, len(limb), count), np.float32)
     sse, rise = np.empty((shifts, count), np.float32), np.empty((shifts, count), np.float32)
@@ -203,8 +207,9 @@ def misfits_into(
         for j in range(len(exposures)):
             share = np.float32(exposures[j])
             _set_shapes(
-                light, cover, fine, *colours, direction, share * across, share * along, r_px, chroma_sigma, shapes
-            )
+                light, cover, depth, v_first, fine, *colours, direction, share * across, share * along, r_px,
+                chroma_sigma, shapes,
+            )  # fmt: skip
             _set_squares(of_luma, whole, shapes[0], sse, rise, expected, luma)
             _set_squares(of_chroma, other, shapes[1], sse, rise, expected, chroma)
             total = 0.0
@@ -216,7 +221,10 @@ def misfits_into(
 
 
 @inner
-def _profiles(y, u, v, grid, outline, normal, inside, across, r_px, reach_px, margin, widest, params, coarse, shading):
+def _profiles(
+    y, u, v, grid, outline, normal, inside, across, along, believed, r_px, reach_px, margin, widest, params, coarse,
+    shading,
+):  # fmt: skip
     """What the rays show, and what tells marker from background on them: samples (3, M, N) where the edge may be, the
     colours (3, N) inside and outside, what `_directions` says, and the limb (V, N) against the distance from the edge;
     the first such distance, the step to the next, and how many steps the edge may be off, either way."""
@@ -227,7 +235,8 @@ def _profiles(y, u, v, grid, outline, normal, inside, across, r_px, reach_px, ma
     depth, beyond = np.empty(count, np.float32), np.empty(count, np.float32)
     for n in range(count):
         clear = margin + abs(across[n]) / 2.0
-        depth[n] = min(clear + 0.5 * reach_px, 0.6 * deepest)
+        aside = r_px - math.sqrt(max(r_px * r_px - 0.25 * along[n] * along[n], 0.0))
+        depth[n] = min(max(clear, margin + aside) + 0.5 * reach_px, 0.6 * deepest)
         beyond[n] = clear + 0.5 * reach_px - 0.5
     colour_in, colour_out = np.zeros((3, count), np.float32), np.zeros((3, count), np.float32)
     _levels(samples, place, depth, beyond, r_px, colour_in, colour_out)
@@ -240,11 +249,14 @@ def _profiles(y, u, v, grid, outline, normal, inside, across, r_px, reach_px, ma
     v_first = place[deep_steps] - half * fine
     limb = np.ones((2 * (near - 1) + 2 * half + 1, count), np.float32)
     if params[4] > 0.0 and not coarse:
-        _set_limb(samples[0], place, r_px, depth, inside, v_first, fine, limb)
+        share = np.float32(believed)
+        _set_limb(
+            samples[0], colour_out[0], place, r_px, depth, inside, share * across, share * along, v_first, fine, limb
+        )
         if len(shading) > 0:
             _take_in(shading, place, r_px, depth, v_first, fine, limb)
     window = samples[:, deep_steps : deep_steps + near]
-    return window, (colour_in, colour_out), direction, varies, limb, v_first, fine, half
+    return window, (colour_in, colour_out), direction, varies, limb, v_first, fine, half, depth
 
 
 @inner
@@ -512,11 +524,12 @@ def _directions(samples, place, depth, r_px, inside, colour_in, colour_out, bala
 
 
 @inner
-def _set_limb(luma, place, r_px, depth, inside, v_first, fine, limb):
+def _set_limb(luma, outside, place, r_px, depth, inside, across, along, v_first, fine, limb):
     """How the marker darkens (or brightens) towards its limb: `limb` (V, N) against the distance from the edge,
     relative to each ray's mean over the places just deeper than `depth`.
 
-    A matt ball lit from all around the camera follows A + C nz, nz the normal's share towards the camera. One C for
+    A matt ball lit from all around the camera follows A + C nz, nz the normal's share towards the camera; of one that
+    moves, what it covers for a part of the time is rid of the background's light (`outside`, (N,)). One C for
     all rays, each with its own brightness, is fitted by ridge to all places on the marker, twice, highlights left out
     the second time. What differs from ray to ray is left to the free level of each: carrying it on to the limb was
     tried with spherical harmonics and moved the centre by 0.1 px.
@@ -525,16 +538,20 @@ def _set_limb(luma, place, r_px, depth, inside, v_first, fine, limb):
     places = 0  # those on the marker come first
     while places < len(place) and place[places] < 0.0:
         places += 1
-    nz = np.empty(places, np.float32)
+    nz, cover = np.empty((places, count), np.float32), np.empty((places, count), np.float32)
+    _set_towards(place, r_px, across, along, nz, cover)
     keep, light = np.empty((places, count), np.float32), np.empty((places, count), np.float32)
     for k in range(places):
-        nz[k] = _towards(place[k], r_px)
         for n in range(count):
-            keep[k, n] = inside[n] * np.float32(_deep(place[k], depth[n], r_px))
+            keep[k, n] = inside[n] * np.float32(_deep(place[k], depth[n], r_px) and cover[k, n] > 0.5)
             light[k, n] = to_linear(luma[k, n])
+            if cover[k, n] < 1.0:
+                behind = (np.float32(1.0) - cover[k, n]) * to_linear(outside[n])
+                light[k, n] = (light[k, n] - behind) / max(cover[k, n], np.float32(0.5))
     own, level, mean_nz = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
     rest = np.empty(places * count, np.float32)
     slope = np.float32(0.0)
+    most_ridge = np.float32(max(1.0, (_FEW_PX / r_px) ** 2))
     for turn in range(2):
         own[:] = 0.0
         level[:] = 0.0
@@ -543,7 +560,7 @@ def _set_limb(luma, place, r_px, depth, inside, v_first, fine, limb):
             for n in range(count):
                 own[n] += keep[k, n]
                 level[n] += keep[k, n] * light[k, n]
-                mean_nz[n] += keep[k, n] * nz[k]
+                mean_nz[n] += keep[k, n] * nz[k, n]
         both, squares, total = np.float32(0.0), np.float32(0.0), np.float32(0.0)
         for n in range(count):
             of_ray = max(own[n], np.float32(1.0))
@@ -551,23 +568,23 @@ def _set_limb(luma, place, r_px, depth, inside, v_first, fine, limb):
             total += own[n]
         for k in range(places):
             for n in range(count):
-                off_nz = keep[k, n] * (nz[k] - mean_nz[n])
+                off_nz = keep[k, n] * (nz[k, n] - mean_nz[n])
                 both += off_nz * (light[k, n] / level[n] - np.float32(1.0))
                 squares += off_nz * off_nz
-        slope = both / (squares + np.float32(0.02) * total + np.float32(1e-9))
+        slope = both / (squares + min(np.float32(0.02) * total, most_ridge * squares) + np.float32(1e-9))
         if turn == 1 or total < 24.0:
             break
         some = 0
         for k in range(places):
             for n in range(count):
                 if keep[k, n] > 0.0:
-                    off = light[k, n] / level[n] - np.float32(1.0) - slope * (nz[k] - mean_nz[n])
+                    off = light[k, n] / level[n] - np.float32(1.0) - slope * (nz[k, n] - mean_nz[n])
                     rest[some] = abs(off)
                     some += 1
         most = np.float32(2.5 * max(1.48 * middle(rest, some), 0.02))
         for k in range(places):
             for n in range(count):
-                off = light[k, n] / level[n] - np.float32(1.0) - slope * (nz[k] - mean_nz[n])
+                off = light[k, n] / level[n] - np.float32(1.0) - slope * (nz[k, n] - mean_nz[n])
                 keep[k, n] *= np.float32(abs(off) < most)
     here, own_close = np.zeros(count, np.float32), np.zeros(count, np.float32)
     band = np.float32(0.15 * r_px + 0.5)
@@ -575,7 +592,7 @@ def _set_limb(luma, place, r_px, depth, inside, v_first, fine, limb):
         for n in range(count):
             close = np.float32(_deep(place[k], depth[n], r_px) and place[k] > -depth[n] - band)
             own_close[n] += close
-            here[n] += close * nz[k]
+            here[n] += close * nz[k, n]
     for n in range(count):
         here[n] = here[n] / max(own_close[n], np.float32(1.0)) - mean_nz[n]
         here[n] = max(np.float32(1.0) + slope * here[n], np.float32(0.1))
@@ -626,6 +643,25 @@ def _towards(place, r_px):
 
 
 @inner
+def _set_towards(place, r_px, across, along, nz, cover):
+    """The mean of `_towards`, over the share of the exposure for which the marker covers them, at places on each ray:
+    `nz` (M, N), and that share, `cover` (M, N)."""
+    longest = _longest(across, along)
+    times = 1 if longest < _STILL else min(max(int(longest / _STILL), 4), _MOST_TIMES)
+    for k in range(len(nz)):
+        from_centre = max(r_px + place[k], 0.0)
+        for n in range(len(across)):
+            total = 0.0
+            for i in range(times):
+                t = (i + 0.5) / times - 0.5
+                way2 = t * t * (across[n] * across[n] + along[n] * along[n])
+                away2 = from_centre * (from_centre - 2.0 * t * across[n]) + way2
+                total += math.sqrt(max(1.0 - away2 / (r_px * r_px), 0.0))
+            cover[k, n] = 1.0 if times == 1 else _covers(from_centre, across[n], along[n], r_px)
+            nz[k, n] = total / times / max(cover[k, n], np.float32(0.5))
+
+
+@inner
 def _through_lens(v_first, fine, limb, r_px, sigma, light, cover):
     """The marker's light (V, N), and how much of the background it covers (V, 1), along rays across an edge at 0,
     marker on the negative side, blurred by the lens."""
@@ -643,7 +679,9 @@ def _through_lens(v_first, fine, limb, r_px, sigma, light, cover):
 
 
 @inner
-def _set_shapes(light, cover, fine, colour_in, colour_out, direction, across, along, r_px, chroma_sigma, shapes):
+def _set_shapes(
+    light, cover, depth, v_first, fine, colour_in, colour_out, direction, across, along, r_px, chroma_sigma, shapes
+):
     """What video shows along each ray of what went `_through_lens`, in brightness and in chroma along `direction`:
     (2, V, N), 0 on the far side.
 
@@ -655,11 +693,15 @@ def _set_shapes(light, cover, fine, colour_in, colour_out, direction, across, al
     for k in range(length):
         for n in range(count):
             dark[k, n] = cover[k, 0]
-    if _longest(across, along) >= fine:
+    longest = _longest(across, along)
+    if longest >= fine:
         swept = np.empty((length, count), np.float32)
-        _sweep(dark, across, along, fine, r_px, row)
+        if longest * longest > _BENT * r_px * fine:
+            _streak(dark, light, across, along, depth, v_first, fine, r_px, row, swept)
+        else:
+            _sweep(dark, across, along, fine, r_px, row)
+            _sweep(light, across, along, fine, r_px, swept)
         dark, row = row, dark
-        _sweep(light, across, along, fine, r_px, swept)
         light = swept
     linear_in, linear_out = np.empty((3, count), np.float32), np.empty((3, count), np.float32)
     of_luma, of_chroma = np.empty((3, count), np.float32), np.empty((3, count), np.float32)
@@ -763,6 +805,50 @@ def _sweep(rows, across, along, fine, r_px, out):
 
 
 @inner
+def _streak(dark, light, across, along, depth, v_first, fine, r_px, swept_dark, swept_light):
+    """As `_sweep` for both, of a streak so long that the outline's bend counts: at time t a place on a ray, s outside
+    the outline, is sqrt((r + s)^2 - 2 (r + s) t across + t^2 (across^2 + along^2)) - r from it.
+
+    Not every place is covered all the time: as long as one at `depth`, where the marker's colour was taken, is 1.
+    """
+    length, count = dark.shape
+    longest = _longest(across, along)
+    times = min(max(int(math.ceil(longest)), 8), _MOST_TIMES)
+    for k in range(length):
+        for n in range(count):
+            swept_dark[k, n] = swept_light[k, n] = 0.0
+    last, part = np.float32(length - 1.001), np.float32(1.0 / times)
+    radius, start, per_step = np.float32(r_px), np.float32(v_first), np.float32(1.0 / fine)
+    for i in range(times):
+        t = np.float32((i + 0.5) / times - 0.5)
+        for k in range(length):
+            from_centre = radius + start + np.float32(k * fine)
+            for n in range(count):
+                way2 = t * t * (across[n] * across[n] + along[n] * along[n])
+                away2 = from_centre * (from_centre - np.float32(2.0) * t * across[n]) + way2
+                away = math.sqrt(max(away2, np.float32(0.0))) - radius
+                at = min(max((away - start) * per_step, np.float32(0.0)), last)
+                j = np.uint32(at)
+                rest = at - np.float32(j)
+                swept_dark[k, n] += part * (dark[j, n] + rest * (dark[j + 1, n] - dark[j, n]))
+                swept_light[k, n] += part * (light[j, n] + rest * (light[j + 1, n] - light[j, n]))
+    for n in range(count):
+        there = max(_covers(r_px - depth[n] - 0.07 * r_px, across[n], along[n], r_px), np.float32(0.25))
+        for k in range(length):
+            swept_dark[k, n] /= there
+            swept_light[k, n] /= there
+
+
+@inner
+def _covers(from_centre, across, along, r_px):
+    """The share of the exposure for which a marker covers a place on a ray, so far from its centre."""
+    way = math.sqrt(across * across + along * along)
+    on_way = from_centre * across / way
+    chord = math.sqrt(max(r_px * r_px - from_centre * from_centre + on_way * on_way, 0.0))
+    return max(min(0.5 * way, on_way + chord) - max(-0.5 * way, on_way - chord), 0.0) / way
+
+
+@inner
 def _own_colour(y, u, v, grid, x, row, limits):
     """Whether a third of the nine pixels around a place have the marker's colours."""
     own = 0
@@ -774,6 +860,10 @@ def _own_colour(y, u, v, grid, x, row, limits):
     return own >= 3
 
 
+_FEW_PX = 9.0  # a marker's radius below which too few pixels tell how its light falls off to carry half of it on
+_STILL = 1.5  # pixels of motion that leave the light as it is
+_BENT = 8.0  # radii times steps of a profile: from the square of such a way on the outline's bend counts
+_MOST_TIMES = 32
 _LEVELS = np.linspace(0, 1, 2049)
 _TO_LINEAR = np.where(_LEVELS <= 0.04045, _LEVELS / 12.92, ((_LEVELS + 0.055) / 1.055) ** 2.4).astype(np.float32)
 _TO_CODE = np.where(_LEVELS**2 <= 0.0031308, _LEVELS**2 * 12.92, 1.055 * _LEVELS ** (2 / 2.4) - 0.055).astype(

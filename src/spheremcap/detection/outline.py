@@ -167,10 +167,11 @@ class Outline:
         where too little of it is seen."""
         shown, out = np.zeros(self._edge.rays, np.bool_), np.empty((len(softnesses), len(exposures)))
         shown[claim.edges.ray[claim.agreeing]] = True
+        believed = min(math.hypot(*claim.motion.blur_px) / max(math.hypot(*way_px), 1e-9), 1.0)
         found = _misfits(
             *frame.planes, self._camera.params, self._radius_m, claim.xyz_cam_m, *claim.motion.lean, claim.circle.y_px,
-            claim.circle.r_px, close_px(claim.circle), *way_px, np.array(softnesses), np.array(exposures),
-            self._edge.blur_sigma_px, self._params, shading, shown, out,
+            claim.circle.r_px, close_px(claim.circle), *way_px, believed, np.array(softnesses),
+            np.array(exposures), self._edge.blur_sigma_px, self._params, shading, shown, out,
         )  # fmt: skip
         return out if found else None
 
@@ -235,20 +236,21 @@ def _rings(y, u, v, grid, camera, radius_m, centre, lean_x, lean_y, row, rings, 
 
 
 @kernel(
-    None, PLANE, PLANE, PLANE, GRID, _F1, F8, _F1, F8, F8, F8, F8, F8, F8, F8, _F1, _F1, F8, _F1, array(F4, 2),
+    None, PLANE, PLANE, PLANE, GRID, _F1, F8, _F1, F8, F8, F8, F8, F8, F8, F8, F8, _F1, _F1, F8, _F1, array(F4, 2),
     array(BOOL, 1), F8[:, ::1],
 )  # fmt: skip
 def _misfits(
-    y, u, v, grid, camera, radius_m, centre, lean_x, lean_y, row, r_px, reach_px, way_x, way_y, softnesses, exposures,
-    sigma, params, shading, shown, out,
+    y, u, v, grid, camera, radius_m, centre, lean_x, lean_y, row, r_px, reach_px, way_x, way_y, believed, softnesses,
+    exposures, sigma, params, shading, shown, out,
 ):  # fmt: skip
     outline = np.empty((len(shown), 2))
     if not set_outline(centre[0], centre[1], centre[2], radius_m, camera, outline):
         return False
     _lean(outline, lean_x, lean_y, row)
     return misfits_into(
-        y, u, v, grid, outline, r_px, reach_px, way_x, way_y, softnesses, exposures, sigma, params, shading, shown, out
-    )
+        y, u, v, grid, outline, r_px, reach_px, way_x, way_y, believed, softnesses, exposures, sigma, params, shading,
+        shown, out,
+    )  # fmt: skip
 
 
 @inner

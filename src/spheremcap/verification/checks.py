@@ -15,6 +15,7 @@ _COVERED = 0.8  # share of a claim's disc from which the marker before it hides 
 _LITTLE, _LEAST_IN_PICTURE = 0.6, 0.3  # shares of the outline
 _SEEDED = 0.5  # of a seed that shows less of its outline, claims are asked for as much as if it had shown this
 _CLEAR, _NO_LEAP = 0.7, 0.6  # share of the outline, and `off_expected`, of a claim that is no leap
+_WHOLE = 0.9  # share of the outline of a claim that nothing hides
 _AS_EXPECTED = 0.15  # `off_expected` of a claim that is just where the filter has the marker
 _ON_ITS_WAY = 2.0  # radii from where a lost marker would be, had it moved on evenly
 _NOT_HIDDEN = 0.4  # share of a disc's hidden part in the marker's colours from which nothing can hide it
@@ -84,11 +85,15 @@ def _seed(case: Case, jury: JuryConfig) -> bool:
 
 
 def _colour(case: Case, jury: JuryConfig) -> bool:
-    """The claim holds the seed's colours, as far as it is seen."""
+    """The claim holds the seed's colours, as far as it is seen; half as much of them will do in a whole outline where
+    one is expected: motion blur and light change colours, what else is there has none of them."""
     if case.colour is None:
         return True
     shown = min(max(0.4, case.visible), case.shown)
-    return case.colour[0] >= (jury.lost_colour if case.lost else jury.seed_colour) * shown * case.seeded_colour[0]
+    least = jury.lost_colour if case.lost else jury.seed_colour
+    if not case.lost and case.visible > _WHOLE and case.surprise <= 1 and case.off_expected < _NO_LEAP:
+        least *= 0.5
+    return case.colour[0] >= least * shown * case.seeded_colour[0]
 
 
 def _part(case: Case, jury: JuryConfig) -> bool:

@@ -211,13 +211,25 @@ def _blur(rng: np.random.Generator, frames: int) -> DayWorld:
     )  # fmt: skip
 
 
+def _thrown(rng: np.random.Generator) -> Path:
+    return bounces((0.82, 0.70, 0.60, 0.51), 0.05, sway(rng, (0.0, 2.5, 0.0), (0.75, 0.3, 0.0), 0.22))
+
+
 def _thirty(rng: np.random.Generator, frames: int) -> DayWorld:
-    across = sway(rng, (0.0, 2.5, 0.0), (0.75, 0.3, 0.0), 0.22)
-    path = bounces((0.82, 0.70, 0.60, 0.51), 0.05, across)
-    ball = _ball(path, Paint((0.70, 0.52, 0.03), (0.5, 0.5, 0.5), "striped", 6.0, 0.35, 0.5), 0.10, spin_rad_s=6.0)
+    ball = _ball(
+        _thrown(rng), Paint((0.70, 0.52, 0.03), (0.5, 0.5, 0.5), "striped", 6.0, 0.35, 0.5), 0.10, spin_rad_s=6.0
+    )
     return _world(
         frames, 30, ball, stage=Stage("planks", (0.36, 0.25, 0.15), "plaster", (0.30, 0.36, 0.40), 5.0, 4.0),
         electronics=Electronics(exposure_s=1 / 250, readout_s=0.016, sharpen=0.4, megabits=80.0),
+    )  # fmt: skip
+
+
+def _streak(rng: np.random.Generator, frames: int) -> DayWorld:
+    return _world(
+        frames, 30, _ball(_thrown(rng), _mottled(0.6, 0.04, 0.05), 0.05),
+        stage=Stage("planks", (0.36, 0.25, 0.15), "plaster", (0.30, 0.36, 0.40), 5.0, 4.0),
+        electronics=Electronics(exposure_s=1 / 40, readout_s=0.012, sharpen=0.2, megabits=60.0),
     )  # fmt: skip
 
 
@@ -294,6 +306,7 @@ DAYS: dict[str, Day] = {
     "day-dark": Day("little light: noise, noise reduction and sharpening", 240, _dark),
     "day-blur": Day("up to 20 px of motion blur, the shutter open for 0.8 of the time", 240, _blur),
     "day-thirty": Day("30 frames/s: a ball that is thrown and bounces", 200, _thirty),
+    "day-streak": Day("a small ball is thrown in little light: streaks of up to two diameters", 120, _streak),
     "day-film": Day("24 frames/s: a pendulum, strongly sharpened", 200, _film),
     "day-gone": Day("60 frames/s: the marker leaves for good, things of its colour stay or come", 240, _gone),
     "day-glare": Day("a pale marker before a white wall in the sun, with glare in the lens", 240, _glare),
