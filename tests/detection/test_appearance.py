@@ -141,6 +141,25 @@ def test_a_seed_in_a_blurred_picture_learns_what_the_marker_is_in_a_clear_one():
         assert seed_high <= high <= seed_high + room
 
 
+def hsv(hue, saturation, value, count=100):
+    return np.tile(np.array([hue, saturation, value], np.uint8), (count, 1))
+
+
+def test_the_box_grows_by_pixels_of_its_hue_and_at_the_seeds_exposure():
+    appearance = seeded()
+    box, room = appearance.box, 0.5 * np.diff(appearance.box.saturation)[0]
+    least = box.saturation[0] - 0.5 * room
+    own, other = hsv(box.hue_mean, least, box.value[0]), hsv(box.hue_mean + 60, 0, 0, 60)
+    appearance._grow(np.concatenate([own, other]))
+    assert appearance.box.saturation == pytest.approx((least, box.saturation[1]), abs=1)
+    assert appearance.box.value == pytest.approx(box.value, abs=1)
+    appearance._grow(hsv(box.hue_mean, 0, box.value[0]))
+    assert appearance.box.saturation == pytest.approx((box.saturation[0] - room, box.saturation[1]))
+    appearance.gain = 0.5
+    appearance._grow(hsv(box.hue_mean, box.saturation[0], 0.5 * (box.value[0] - 5)))
+    assert appearance.box.value == pytest.approx((box.value[0] - 5, box.value[1]), abs=2)
+
+
 def test_another_hue_is_not_learnt():
     appearance = seeded()
     box, other = appearance.box, np.ascontiguousarray(picture(BALL)[..., ::-1])

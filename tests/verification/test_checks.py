@@ -131,7 +131,7 @@ def test_seed_does_not_ask_a_claim_that_is_just_as_expected(changes, taken):
         (False, 0.4, 1.0, 0.24),
         (False, 0.1, 1.0, 0.24),  # little seen asks for no less
         (False, 0.9, 0.5, 0.27),
-        (True, 1.0, 1.0, 0.8),
+        (True, 0.9, 1.0, 0.72),
         (True, 0.5, 0.5, 0.2),
     ],
 )
@@ -149,10 +149,11 @@ def test_colour_asks_for_the_seeds_colours_as_far_as_the_claim_is_seen(lost, vis
         ({"surprise": more(1.0)}, 0.6),
         ({"claim": HERE.shifted(11.9, 0)}, 0.3),
         ({"claim": HERE.shifted(12.1, 0)}, 0.6),
-        ({"lost": True}, 0.8),
+        ({"lost": True, "claim": HERE.shifted(50, 0)}, 0.4),
+        ({"lost": True, "visible": 0.9}, 0.72),
     ],
 )
-def test_colour_asks_for_half_in_a_whole_outline_where_one_is_expected(changes, least):
+def test_colour_asks_for_half_in_a_whole_outline_where_one_can_be(changes, least):
     assert CHECKS["colour"](replace(GOOD, **changes, colour=(more(least), 0.0)), JURY)
     assert not CHECKS["colour"](replace(GOOD, **changes, colour=(less(least), 0.0)), JURY)
 

@@ -86,12 +86,12 @@ def _seed(case: Case, jury: JuryConfig) -> bool:
 
 def _colour(case: Case, jury: JuryConfig) -> bool:
     """The claim holds the seed's colours, as far as it is seen; half as much of them will do in a whole outline where
-    one is expected: motion blur and light change colours, what else is there has none of them."""
+    one can be: motion blur and light change colours, what else is there has none of them."""
     if case.colour is None:
         return True
     shown = min(max(0.4, case.visible), case.shown)
     least = jury.lost_colour if case.lost else jury.seed_colour
-    if not case.lost and case.visible > _WHOLE and case.surprise <= 1 and case.off_expected < _NO_LEAP:
+    if case.visible > _WHOLE and case.surprise <= 1 and (case.lost or case.off_expected < _NO_LEAP):
         least *= 0.5
     return case.colour[0] >= least * shown * case.seeded_colour[0]
 
