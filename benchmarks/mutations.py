@@ -50,6 +50,7 @@ LEARNER, OUTLINE = "tests/detection/test_optics_learner.py", "tests/detection/te
 STATUS, VERIFIER = "tests/core/test_status.py", "tests/verification/test_verifier.py"
 FOLLOWER, WHEREABOUTS = "tests/tracking/test_follower.py", "tests/positioning/test_whereabouts.py"
 EDGE, COLOUR = "tests/detection/test_edge.py", "tests/detection/test_colour.py"
+APPEARANCE = "tests/detection/test_appearance.py"
 SHADING, REACQUIRED = "tests/detection/test_shading.py", "tests/verification/test_reacquired.py"
 OUTPUT, OUTPUTS = "tests/io/test_output.py", "tests/cli/test_outputs.py"
 INTERRUPT, RECOVER = "tests/test_interrupt.py", "tests/io/test_recover.py"
@@ -125,7 +126,7 @@ FAULTS = (
     ),
     Fault(
         25, "appearance: gain never follows", "detection/appearance.py",
-        "self.gain += 0.5 * (self._gain_of(value) - self.gain)", "pass", ("tests/detection/test_appearance.py",),
+        "self.gain += 0.5 * (self._gain_of(value) - self.gain)", "pass", (APPEARANCE,),
     ),
     Fault(
         26, "join: messages at the limit are left", "io/join.py",
@@ -201,7 +202,7 @@ FAULTS = (
     # -- checks
     Fault(
         121, "checks: a lost marker's colours as any's", "verification/checks.py",
-        "(jury.lost_colour if case.lost else jury.seed_colour)", "jury.seed_colour", (CHECKS,),
+        "jury.lost_colour if case.lost else jury.seed_colour", "jury.seed_colour", (CHECKS,),
     ),
     Fault(
         122, "checks: a part only where almost nothing is seen", "verification/checks.py",
@@ -1021,8 +1022,8 @@ FAULTS = (
     ),
     Fault(
         512, "picture: recordings say full range for all", "io/mcap_images.py",
-        "self._frame = DecodedPictures(picture).frame",
-        "picture.color_range = 2; self._frame = DecodedPictures(picture).frame", (PICTURE,),
+        "self._of_video = self._of_video or DecodedPictures(picture)",
+        "picture.color_range = 2; self._of_video = self._of_video or DecodedPictures(picture)", (PICTURE,),
     ),
     Fault(
         513, "Annex B: an empty unit is one", "io/annex_b.py",
@@ -1290,8 +1291,8 @@ FAULTS = (
         "behind_others = SEQUENCES_A_FRAME * index + SEQUENCES_A_FRAME // 2", "behind_others = 0", (RETRACK,),
     ),
     Fault(
-        645, "pictures: one of every group is kept by itself", "io/mcap_images.py",
-        "if self._frame is None:  # asking", "if True:  # asking", ("tests/io/test_pictures_by_index.py",),
+        645, "pictures: what is known of a video is asked anew for each", "io/mcap_images.py",
+        "self._of_video or DecodedPictures(picture)", "DecodedPictures(picture)", ("tests/io/test_mcap_images.py",),
     ),
     Fault(
         646, "page: a circle where the track began is changed", "operator/opened.py",
@@ -1423,6 +1424,46 @@ FAULTS = (
     Fault(
         731, "track --auto: seconds are not heeded", "api.py",
         "if frame.stamp_ns >= end_ns or stop():", "if stop():", (AUTO,),
+    ),
+    Fault(
+        740, "streak: what is seen deep inside does not count as whole", "detection/edge.py",
+        "            swept_dark[k, n] /= there", "            swept_dark[k, n] /= np.float32(1.0)", (EDGE,),
+    ),
+    Fault(
+        741, "streak: the background's light taken for the marker's", "detection/edge.py",
+        "            if cover[k, n] < 1.0:", "            if cover[k, n] < 0.0:", (EDGE,),
+    ),
+    Fault(
+        742, "streak: the outline bends half as much", "detection/edge.py",
+        "np.float32(2.0) * t * across[n]) + way2", "np.float32(1.0) * t * across[n]) + way2", (EDGE,),
+    ),
+    Fault(
+        743, "the colour box grows without bound", "detection/appearance.py",
+        "room, (least, most) = 0.5 * (high - low)", "room, (least, most) = 5.0 * (high - low)", (APPEARANCE,),
+    ),
+    Fault(
+        744, "the colour box learns other hues", "detection/appearance.py",
+        "own = pixels[hue_off <= self.box.hue_half]", "own = pixels", (APPEARANCE,),
+    ),
+    Fault(
+        745, "the colour box learns from parts of an outline", "detection/appearance.py",
+        "if visible > _WHOLE:", "if True:", (APPEARANCE,),
+    ),
+    Fault(
+        746, "the colour box learns at another exposure", "detection/appearance.py",
+        "own[:, channel] / scale", "own[:, channel]", (APPEARANCE,),
+    ),
+    Fault(
+        747, "colour: half will do where nothing is expected", "verification/checks.py",
+        " and (case.lost or case.off_expected < _NO_LEAP):", ":", (CHECKS,),
+    ),
+    Fault(
+        748, "colour: half will do for a part of an outline", "verification/checks.py",
+        "if case.visible > _WHOLE and case.surprise <= 1", "if case.surprise <= 1", (CHECKS,),
+    ),
+    Fault(
+        749, "an index that promised more raises what nobody expects", "io/mcap_records.py",
+        "if self._count <= number < self._promised:", "if False:", (INDEX,),
     ),
 )  # fmt: skip
 

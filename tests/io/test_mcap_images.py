@@ -26,6 +26,7 @@ from mcap_ros2.writer import Writer as Ros2Writer
 from spheremcap.core.camera import Camera
 from spheremcap.core.frame import Window, YuvFrame
 from spheremcap.errors import SourceError, UsageError
+from spheremcap.io import mcap_images
 from spheremcap.io.mcap_images import McapImageSource, image_topics
 
 Image = npt.NDArray[np.uint8]
@@ -332,6 +333,23 @@ def test_start_and_end_decode_from_the_key_frame_before(tmp_path: Path) -> None:
         assert not source.lost
     assert [f.index for f in frames] == [7, 8]
     assert np.abs(frames[0].full.astype(int) - scene(7)).mean() < 6
+
+
+def test_what_is_known_of_a_video_is_asked_of_its_first_picture_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    whole = mcap_images.DecodedPictures
+
+    def noted(picture: object) -> object:
+        asked.append(picture)
+        return whole(picture)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(mcap_images, "DecodedPictures", noted)
+    path = write_protobuf(tmp_path / "a.mcap", video_entries(h264(), "h264"))
+    with McapImageSource(path) as source:
+        assert [len(list(source.frames())) for _ in range(2)] == [12, 12]
+    assert len(asked) == 1
 
 
 def test_video_that_starts_between_key_frames_is_counted(tmp_path: Path) -> None:

@@ -25,6 +25,8 @@ from spheremcap.io.video import VideoSource
 
 Stop = Callable[[], bool]
 STREAMS = ("rtsp", "rtsps")
+_STREAM = {"rtsp_transport": "tcp", "probesize": "32"}
+"""How FFmpeg opens a stream. By itself it looks at a second of it first, which then comes at once and late."""
 _SILENT_S = 10.0
 """A device or stream that gives nothing for so long has ended."""
 _TURN_S = 0.05
@@ -76,7 +78,8 @@ class PacedVideo(VideoSource):
 
 class DeviceSource:
     """A camera or stream that FFmpeg opens; the first picture's stamp is this machine's clock, and the stream's own
-    time counts from there. `name` is what the recording and errors call it: an address may hold a password.
+    time counts from there (of an RTSP stream, whose first picture has no time of its own, from the second). `name` is
+    what the recording and errors call it: an address may hold a password.
     """
 
     topic = ""
@@ -92,7 +95,7 @@ class DeviceSource:
         self.path = Path(name)
         self.lost = Losses()
         self._stop, self._seeded = stop, seeded
-        options = {"rtsp_transport": "tcp"} if kind is None and address.startswith(STREAMS) else {}
+        options = _STREAM if kind is None and address.startswith(STREAMS) else {}
         try:
             self._container = av.open(address, format=kind, options=options, timeout=_SILENT_S)
         except (av.FFmpegError, OSError, ValueError) as error:
@@ -124,6 +127,7 @@ class DeviceSource:
 
     def _taken(self) -> Iterator[Frame]:
         first, last_ns = self._first, -1
+        known = None if first.pts is None else (self._began_ns, first.pts)  # a moment by both clocks
         yield self._frame(0, self._began_ns, first)
         for index in range(1, sys.maxsize):
             try:
@@ -139,8 +143,9 @@ class DeviceSource:
                 )
                 return
             stamp_ns = time.time_ns()
-            if picture.pts is not None and first.pts is not None and picture.time_base is not None:
-                stamp_ns = self._began_ns + ticks_to_ns(picture.pts - first.pts, picture.time_base)
+            if picture.pts is not None and picture.time_base is not None:
+                known = known or (stamp_ns, picture.pts)
+                stamp_ns = known[0] + ticks_to_ns(picture.pts - known[1], picture.time_base)
             if stamp_ns <= last_ns:
                 stamp_ns = last_ns + 1
                 self.lost.restamped += 1
