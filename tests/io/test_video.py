@@ -169,12 +169,22 @@ def test_rotated_and_mirrored_video_is_upright(tmp_path: Path, turn: int, clockw
     assert difference(got[0].full, upright).mean() < 1.5
     assert difference(got[0].full, upright).max() < 25
     check_patches(got[0])
-    # Without B-frames: with them x264 does not give the same bytes every time.
-    lying = frames(media.video(tmp_path / "lying.mp4", 3, options={"crf": "5", "bf": "0"}))[0][0].full
+    lying = frames(without_matrix(path, tmp_path / "lying.ts"))[0][0].full
     same = displayed_by_matrix(path, lying) if turn or mirrored else lying
     assert difference(got[0].full, same).max() <= 1  # the chroma grid turns with the picture
     if turn or mirrored:
         assert source.passthrough_reason == "the picture is stored rotated or mirrored"
+
+
+def without_matrix(path: Path, to: Path) -> Path:
+    """The same packets where no display matrix goes: another encoding need not have the same pixels."""
+    with av.open(str(path)) as read, av.open(str(to), "w", format="mpegts") as written:
+        stream = written.add_stream_from_template(read.streams.video[0])
+        for packet in read.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                written.mux(packet)
+    return to
 
 
 def displayed_by_matrix(path: Path, stored: Any) -> Any:

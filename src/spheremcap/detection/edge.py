@@ -226,8 +226,9 @@ def _profiles(
     shading,
 ):  # fmt: skip
     """What the rays show, and what tells marker from background on them: samples (3, M, N) where the edge may be, the
-    colours (3, N) inside and outside, what `_directions` says, and the limb (V, N) against the distance from the edge;
-    the first such distance, the step to the next, and how many steps the edge may be off, either way."""
+    colours (3, N) inside and outside, what `_directions` says, and the limb (V, N) against the distance from the edge,
+    as a share `believed` of the blur (`across`, `along`) shows it; the first such distance, the step to the next, and
+    how many steps the edge may be off, either way; how deep the colour inside was taken (N,)."""
     count = len(outline)
     place, step, deepest, deep_steps, near = _places(r_px, reach_px + margin + widest, widest, coarse)
     samples = np.empty((3, len(place), count), np.float32)
