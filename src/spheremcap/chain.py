@@ -200,7 +200,7 @@ class MarkerChain:
         assert self._stages is not None
         looks = [uncovered(look, taken) for look in looks]
         elsewhere = [look for look in looks if look.elsewhere]
-        found = self._stages.reacquired.confirmed(elsewhere, self.whereabouts.circle)
+        found = self._stages.reacquired.confirmed(elsewhere)
         looks = [*(look for look in looks if not look.elsewhere), *found]
         for look in looks:
             if look.claim is not None and not look.doubts:
@@ -226,6 +226,7 @@ class MarkerChain:
     def _learn(self, frame: Frame, patch: Patch, claim: Measured) -> None:
         assert self._stages is not None
         stages, circle, self.misses = self._stages, claim.circle, 0
+        stages.reacquired.seen(frame, circle)
         stages.verifier.learn(patch, circle)
         stages.follower.learn(patch, circle)
         stages.appearance.follow(patch, circle, claim.visible)

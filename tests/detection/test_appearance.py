@@ -108,12 +108,39 @@ def test_an_occluders_brightness_is_not_taken_in():
     appearance.follow(patch, CIRCLE, 1.0)
     before = appearance.gain
     grey = picture(BALL, covers=(Cover(152, 90, 200, 140, (40, 40, 45)),))
-    appearance.follow(own_scale(grey, CIRCLE), CIRCLE, 0.5)
+    appearance.follow(own_scale(grey, CIRCLE), CIRCLE, 0.61)
     assert appearance.gain == pytest.approx(before, abs=0.08)  # half of the ball is still to be seen
     covered = picture(BALL, covers=(Cover(120, 90, 200, 140, (40, 40, 45)),))
     before = appearance.gain
     appearance.follow(own_scale(covered, CIRCLE), CIRCLE, 0.2)
     assert appearance.gain == before
+
+
+def test_what_hides_much_of_a_dark_marker_may_be_as_dark_and_teaches_no_brightness():
+    """A dark red ball behind red trousers."""
+    dark = ball_at(150.3, 117.8, 18, rgb=(40, 22, 22))
+    appearance = seeded(picture(dark, backdrop=3))
+    trousers = own_scale(picture(dark, covers=(Cover(120, 105, 200, 160, (80, 44, 44)),), backdrop=3), CIRCLE)
+    appearance.follow(trousers, CIRCLE, 0.6)
+    assert appearance.gain == 1.0
+    appearance.follow(trousers, CIRCLE, 0.61)
+    assert appearance.gain > 1.1
+
+
+def test_unlike_is_how_far_a_colour_is_from_the_seeds_over_its_contrast():
+    appearance, patch = seeded(), own_scale(picture(BALL), CIRCLE)
+    assert appearance.unlike(patch, CIRCLE) < 0.1
+    assert appearance.unlike(own_scale(picture(ball_at(150.3, 117.8, 18, rgb=BLUE)), CIRCLE), CIRCLE) > 0.8
+    assert appearance.unlike(patch, CIRCLE.shifted(60, 0)) > 0.8  # bare background
+    assert appearance.unlike(patch, CIRCLE.shifted(1000, 0)) == np.inf
+
+
+def test_unlike_knows_the_brightness_that_the_marker_has_by_now():
+    appearance, darker = seeded(), own_scale(dimmed(picture(BALL), 0.6), CIRCLE)
+    before = appearance.unlike(darker, CIRCLE)
+    for _ in range(8):
+        appearance.follow(darker, CIRCLE, 1.0)
+    assert appearance.unlike(darker, CIRCLE) < 0.6 * before
 
 
 def mixed(image, share):

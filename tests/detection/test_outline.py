@@ -1,5 +1,7 @@
 """Outlines measured: how sure a circle is said to be, and that this does not depend on where one began to look."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -232,6 +234,29 @@ def test_of_two_proposals_the_one_with_the_longer_outline_is_claimed():
     assert outline().sharpened(frame, proposals[1][1], "hough", 4.4, AT_REST, None).visible > looks[0].visible
     for claim in looks:
         assert claim.circle.dice(truth(ball)) > 0.9
+
+
+@pytest.mark.parametrize("size", [0.78, 1.35])
+@pytest.mark.parametrize("seen", ["whole", "half", "streak"])
+def test_a_proposal_of_another_size_is_believed_where_it_is_a_whole(size, seen):
+    """A ball that falls away from the camera is a fifth smaller a frame later, whatever was expected."""
+    ball, usual = ball_at(160, 120, 24), Circle(161, 121, 24 / size)
+    frame = yuv_frame(picture(ball, covers=(Cover(166, 60, 260, 180),) if seen == "half" else ()))
+    what = replace(expected(ball, off=size - 1), circle=usual, reach_px=40.0)
+    motion = replace(AT_REST, blur_px=np.array([1.1 * usual.r_px, 0.0])) if seen == "streak" else AT_REST
+    proposals = (("prediction", usual), ("colour", Circle(159, 120, 23)))
+    claim = outline().longest(frame, proposals, motion, None, what)
+    right = claim is not None and claim.circle.dice(truth(ball)) > 0.98
+    assert right is (seen == "whole")
+
+
+def test_of_what_the_pictures_border_cuts_off_no_other_size_is_believed():
+    for cut, right in ((21, True), (8, False)):
+        ball = ball_at(cut, 120, 24)
+        frame, usual = yuv_frame(picture(ball)), Circle(cut, 121, 24 / 0.84)
+        what = replace(expected(ball, off=-0.16), circle=usual, reach_px=40.0)
+        claim = outline().longest(frame, (("prediction", usual), ("colour", Circle(cut, 120, 23))), AT_REST, None, what)
+        assert (claim is not None and claim.circle.dice(truth(ball)) > 0.98) is right, (cut, claim and claim.circle)
 
 
 def test_no_outline_is_less_clear_than_any():

@@ -158,6 +158,23 @@ def test_colour_asks_for_half_in_a_whole_outline_where_one_can_be(changes, least
     assert not CHECKS["colour"](replace(GOOD, **changes, colour=(less(least), 0.0)), JURY)
 
 
+@pytest.mark.parametrize(
+    ("changes", "taken"),
+    [
+        ({}, True),
+        ({"unlike": more(0.25)}, False),
+        ({"surprise": more(1.0)}, False),
+        ({"claim": HERE.shifted(11.9, 0)}, True),
+        ({"claim": HERE.shifted(12.1, 0)}, False),
+        ({"lost": True}, False),
+    ],
+)
+def test_a_followed_claim_of_the_seeds_colour_beside_what_is_around_needs_no_hue(changes, taken):
+    """A dark ball: its hue and saturation are any."""
+    case = replace(GOOD, **{"unlike": less(0.25), "visible": 0.5, "colour": (0.0, 0.0), **changes})
+    assert CHECKS["colour"](case, JURY) is taken
+
+
 def test_colour_asks_nothing_of_what_is_hidden():
     case = {"visible": 0.4, "shown": 0.3}
     assert passes("colour", **case, colour=(more(0.18), 0.0))
@@ -170,7 +187,7 @@ def test_where_colour_is_not_asked_it_says_nothing():
     assert passes("part", colour=None, visible=0.1)
 
 
-@pytest.mark.parametrize(("around", "most"), [(0.0, 0.55), (0.1, 0.65), (0.2, 0.75), (0.5, 0.75)])
+@pytest.mark.parametrize(("around", "most"), [(0.0, 0.55), (0.1, 0.65), (0.29, 0.84), (0.5, 0.85)])
 def test_part_lets_the_colour_go_on_around_little_more_than_around_the_seed(around, most):
     case = {"visible": 0.5, "seeded_colour": (1.0, around)}
     assert passes("part", **case, colour=(1.0, less(most)))

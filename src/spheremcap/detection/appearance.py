@@ -28,9 +28,11 @@ from spheremcap.detection.colour import (
 )
 
 Mask = npt.NDArray[np.uint8]
-Limits = npt.NDArray[np.float64]
+FloatArray = npt.NDArray[np.float64]
+Limits = FloatArray
 
 _INSIDE, _RING = 0.8, (1.15, 1.5)  # radii up to which, and between which, contrast is taken
+_CLEAR = 0.6  # share of the outline from which a circle's brightness is the marker's
 _WHOLE = 0.9  # share of the outline of a circle that nothing hides
 _KNOWN = 0.8  # share of it in the box from which there is nothing to learn
 
@@ -82,13 +84,24 @@ def contrast(patch: Patch, circle: Circle) -> float:
     """How far the colours in a ring around a circle (image pixels) are from those inside, in the median over the ring:
     CIE 1976 colour difference in L*a*b*. NaN where no pixel of either is in the picture.
     """
+    own, ring = _lab(patch, circle)
+    return math.nan if own is None else _apart(own, ring)
+
+
+def _lab(patch: Patch, circle: Circle) -> tuple[FloatArray | None, FloatArray]:
+    """The median colour (3,) inside a circle and all (N, 3) in the ring around it, CIE 1976 L*a*b*; None where no pixel
+    of either is in the picture."""
     inside = disc_mask(patch, circle, _INSIDE)
     ring = disc_mask(patch, circle, _RING[1]) & ~disc_mask(patch, circle, _RING[0])
     if not inside.any() or not ring.any():
-        return math.nan
-    lab = cv2.cvtColor(patch.bgr.astype(np.float32) / 255, cv2.COLOR_BGR2Lab)
-    own = np.median(lab[inside], axis=0)
-    return float(np.median(np.linalg.norm(lab[ring] - own, axis=1)))
+        return None, np.zeros((0, 3))
+    lab = cv2.cvtColor(patch.bgr.astype(np.float32) / 255, cv2.COLOR_BGR2Lab).astype(float)
+    return np.median(lab[inside], axis=0), lab[ring]
+
+
+def _apart(own: FloatArray, ring: FloatArray) -> float:
+    """The median colour difference between one colour (3,) and others (N, 3), all in L*a*b*."""
+    return float(np.median(np.linalg.norm(ring - own, axis=1)))
 
 
 class Appearance:
@@ -103,13 +116,14 @@ class Appearance:
         self.gain = 1.0
         self.visible = visible
         self._value = max(1.0, float(np.median(pixels[:, 2])))
+        self._bgr = np.median(patch.bgr[disc_mask(patch, circle, config.sample)], axis=0)
         self.inside, self.around = self.shares(patch, circle)
 
     def follow(self, patch: Patch, circle: Circle, visible: float) -> None:
-        """Take the brightness of a verified circle in; an occluder's pixels do not count. Where its outline is
-        `visible` as a whole, the box grows by what light and sharpness have made of the seed's hue, within bounds."""
+        """Take the brightness of a verified circle in where enough of its outline is `visible`: what hides it may be as
+        dark. Where all is, the box grows by what light and sharpness have made of the seed's hue, within bounds."""
         _, own, _, _, _, value = self._colours(patch, circle, -1.0, 0.6, self._any_value)
-        if own > 8:
+        if own > 8 and visible > _CLEAR:
             self.gain += 0.5 * (self._gain_of(value) - self.gain)
         if visible > _WHOLE:
             count, own, *_ = self._colours(patch, circle, -1.0, _INSIDE, self.box.limits(self.gain))
@@ -167,6 +181,17 @@ class Appearance:
                     own, limits = more, other
         ring, ring_own, _, _, _, _ = self._colours(patch, circle, 1.1, 1.35, limits)
         return own / count, ring_own / ring if ring else 0.0
+
+    def unlike(self, patch: Patch, circle: Circle) -> float:
+        """How far the median colour inside a circle is from the seed's, as bright as the marker is by now, over how far
+        it is from what is around (`contrast`): of a dark marker hue and saturation say little, and light
+        changes both. Infinite where no pixel is in the picture."""
+        own, ring = _lab(patch, circle)
+        if own is None:
+            return math.inf
+        seeded = np.minimum(self._bgr * self.gain / 255, 1).astype(np.float32)
+        seeded = cv2.cvtColor(seeded[None, None], cv2.COLOR_BGR2Lab)[0, 0]
+        return float(np.linalg.norm(own - seeded) / max(_apart(own, ring), 1e-6))
 
     def _gain_of(self, value: float) -> float:
         return min(max(value / self._value, 0.1), 4.0)

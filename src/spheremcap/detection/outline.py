@@ -44,6 +44,9 @@ _RANGE_SD = 0.01  # the filter's distance is no surer than this, relative
 _SIZE_CHANGE = 0.1  # of the radius from one frame to the next: as much is usual
 _SIZE_OPEN = 0.3  # relative deviation of the expected radius from which it is not known any better
 _SIZE_LEAP = 1.5  # most that a claim's size may differ from the first proposal's, either way
+_OWN_SIZE = 0.15  # logarithm of the ratio of radii from which a proposal has a size of its own
+_WHOLE, _INSIDE = 0.8, 0.75  # shares of its outline: in the picture, and with an edge of that, when it is a whole
+_WHOLE_CHANGE, _WHOLE_LEAP = 0.4, 2.0  # `_SIZE_CHANGE` and `_SIZE_LEAP` of a whole
 _SETTLED_PX = 0.5  # a fine look that moved the circle less than this is not repeated
 _NO_LIMITS = np.empty(0)
 _NO_SHADING = np.empty((0, 0), np.float32)
@@ -101,21 +104,19 @@ class Outline:
             if any(circle.dice(other) > 0.85 for other in tried):
                 continue
             tried.append(circle)
-            measured = self.sharpened(frame, circle, name, 0.2 * circle.r_px + 1, motion, limits, expected, shading)
-            if measured is None or not 1 / _SIZE_LEAP < measured.circle.r_px / usual_r_px < _SIZE_LEAP:
-                continue
-            # The longest outline, not the largest share: a circle on a part of the marker shows more, of less. And
-            # not one that by itself is much larger or smaller than expected, or far from there: what covers a marker
-            # has an outline too.
-            r_px, r_sd = _size_alone(measured)
-            off, r_known = 0.0, 0.0
-            if expected is not None:
-                off = measured.circle.distance(expected.circle) / expected.reach_px
-                r_known = min(expected.range_sd, _SIZE_OPEN)
-            leap = math.log(r_px / usual_r_px) / math.hypot(_SIZE_CHANGE, r_sd, r_known)
-            arc_px = measured.visible * min(measured.circle.r_px, usual_r_px) / (1 + leap * leap + off * off)
-            if best is None or arc_px > best_arc_px:
-                best, best_arc_px = measured, arc_px
+            reach_px = 0.2 * circle.r_px + 1
+            held = self.sharpened(frame, circle, name, reach_px, motion, limits, expected, shading)
+            found = [] if held is None else [(held, _SIZE_CHANGE, _SIZE_LEAP)]
+            own_size = abs(math.log(circle.r_px / usual_r_px)) > _OWN_SIZE
+            if own_size and expected is not None and math.hypot(*motion.blur_px) < usual_r_px:
+                free = self.sharpened(frame, circle, name, reach_px, motion, limits, None, shading)
+                if free is not None and free.in_picture > _INSIDE and free.visible > _WHOLE * free.in_picture:
+                    found.append((free, _WHOLE_CHANGE, _WHOLE_LEAP))
+            for measured, change, leap in found:
+                if 1 / leap < measured.circle.r_px / usual_r_px < leap:
+                    arc_px = _arc_px(measured, usual_r_px, change, expected)
+                    if best is None or arc_px > best_arc_px:
+                        best, best_arc_px = measured, arc_px
             if best_arc_px > 0.75 * usual_r_px:
                 break
         return best
@@ -187,6 +188,19 @@ class Outline:
         shown[claim.edges.ray[claim.agreeing]] = True
         blur_px = self._edge.blur_sigma_px * motion.softness + 0.5 * self._edge.chroma_sigma_px + 0.2
         return rings, shown, 1 - (blur_px + 0.5 * math.hypot(*motion.blur_px)) / claim.circle.r_px
+
+
+def _arc_px(measured: Measured, usual_r_px: float, change: float, expected: Expected | None) -> float:
+    """How much outline a claim shows, pixels: not how large a share, as a circle on a part of the marker shows more, of
+    less. Less counts of one that by itself is much larger or smaller than usual, give or take a relative `change`, or
+    far from where it is expected: what covers a marker has an outline too."""
+    r_px, r_sd = _size_alone(measured)
+    off, r_known = 0.0, 0.0
+    if expected is not None:
+        off = measured.circle.distance(expected.circle) / expected.reach_px
+        r_known = min(expected.range_sd, _SIZE_OPEN)
+    leap = math.log(r_px / usual_r_px) / math.hypot(change, r_sd, r_known)
+    return measured.visible * min(measured.circle.r_px, usual_r_px) / (1 + leap * leap + off * off)
 
 
 def _size_alone(measured: Measured) -> tuple[float, float]:

@@ -15,6 +15,8 @@ FAILED = {
     "gate": "it is where the marker cannot have got to",
     "size": "it is larger or smaller than the marker can be",
     "likeness": "what was found does not look like the marker that was lost",
+    "stood there": "it stood there already while the marker was seen elsewhere",
+    "unconfirmed": "it has to be seen again on the next frames",
     "covered": "another marker covers it",
     "out of view": "it should be outside the picture",
     "not found": "nothing like it was found",

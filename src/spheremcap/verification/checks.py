@@ -19,6 +19,8 @@ _WHOLE = 0.9  # share of the outline of a claim that nothing hides
 _AS_EXPECTED = 0.15  # `off_expected` of a claim that is just where the filter has the marker
 _ON_ITS_WAY = 2.0  # radii from where a lost marker would be, had it moved on evenly
 _NOT_HIDDEN = 0.4  # share of a disc's hidden part in the marker's colours from which nothing can hide it
+_ALIKE = 0.25  # `unlike` of a colour that is the seed's, whatever its hue and saturation are called
+_ALL_AROUND = 0.85  # share of a ring in the seed's colours from which those say nothing of an outline
 _INSIDE = 0.9  # share of the outline in the picture from which a claim can be compared as a whole
 
 
@@ -33,7 +35,8 @@ class Case:
     inside the claim and in a ring around it, `seeded_colour` those of the seed; None where colour is not asked.
     `seed_vote` is the mean vote in [0, 1] of the seed's template; None where it is not asked. `in_picture` is the share
     of the claim's outline inside the picture, `shown` that of its disc that nothing seems to hide (`Gap.shown`), and
-    `likeness` the normalised correlation of what is seen with the template.
+    `likeness` the normalised correlation of what is seen with the template. `unlike` is how far the colour inside is
+    from the seed's, as a share of its contrast to what is around (`Appearance.unlike`); infinite where it is not asked.
     """
 
     claim: Circle
@@ -49,6 +52,7 @@ class Case:
     in_picture: float = 1.0
     shown: float = 1.0
     likeness: float = 1.0
+    unlike: float = math.inf
 
     @property
     def off_expected(self) -> float:
@@ -85,14 +89,18 @@ def _seed(case: Case, jury: JuryConfig) -> bool:
 
 
 def _colour(case: Case, jury: JuryConfig) -> bool:
-    """The claim holds the seed's colours, as far as it is seen; half as much of them will do in a whole outline where
-    one can be: motion blur and light change colours, what else is there has none of them."""
+    """The claim holds the seed's colours, as far as it is seen. Where one can be, half as much of them will do in a
+    whole outline, and none in one that is followed and as good as the seed's colour beside all that is around: motion
+    blur and light change colours, what else is there has none of them."""
     if case.colour is None:
         return True
     shown = min(max(0.4, case.visible), case.shown)
     least = jury.lost_colour if case.lost else jury.seed_colour
-    if case.visible > _WHOLE and case.surprise <= 1 and (case.lost or case.off_expected < _NO_LEAP):
-        least *= 0.5
+    if case.surprise <= 1 and (case.lost or case.off_expected < _NO_LEAP):
+        if case.unlike < _ALIKE and not case.lost:
+            return True
+        if case.visible > _WHOLE:
+            least *= 0.5
     return case.colour[0] >= least * shown * case.seeded_colour[0]
 
 
@@ -103,7 +111,7 @@ def _part(case: Case, jury: JuryConfig) -> bool:
         return True
     if not case.as_expected and case.colour[0] > case.shown + _NOT_HIDDEN:
         return False
-    return case.colour[1] <= min(0.75, jury.seed_around + case.seeded_colour[1])
+    return case.colour[1] <= min(_ALL_AROUND, jury.seed_around + case.seeded_colour[1])
 
 
 def _gate(case: Case, jury: JuryConfig) -> bool:
@@ -134,7 +142,8 @@ CHECKS: Mapping[str, Callable[[Case, JuryConfig], bool]] = {
     "size": _size,
     "likeness": _likeness,
 }
-"""By name. "covered" is the one more, asked when the frame's other markers are settled."""
+"""By name. Three more are asked when a frame is settled: "covered", by the frame's other markers, and of a marker that
+was lost "stood there" and "unconfirmed" (`reacquired`)."""
 
 
 def doubts(case: Case, jury: JuryConfig) -> tuple[str, ...]:

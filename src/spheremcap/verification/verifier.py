@@ -99,12 +99,15 @@ class Verifier:
         appearance, vote = self._appearance, None
         if claim.visible < 0.7 and not prior.lost:
             vote = template_vote(self._seeded, appearance.gain, patch, claim.circle, self._matching)
+        shares, unlike = appearance.shares(patch, claim.circle) if self._colour else None, math.inf
+        if shares is not None and not prior.lost and shares[0] < self._jury.seed_colour * appearance.inside:
+            unlike = appearance.unlike(patch, claim.circle)
         case = Case(
             claim.circle, prior.expected, claim.visible, appearance.visible, prior.lost, prior.surprise, prior.growth,
-            colour=appearance.shares(patch, claim.circle) if self._colour else None,
+            colour=shares,
             seeded_colour=(appearance.inside, appearance.around),
             seed_vote=vote,
-            in_picture=claim.in_picture, shown=shown, likeness=matches.scores[_CCORR_NORMED],
+            in_picture=claim.in_picture, shown=shown, likeness=matches.scores[_CCORR_NORMED], unlike=unlike,
         )  # fmt: skip
         return doubts(case, self._jury)
 
