@@ -1455,15 +1455,72 @@ FAULTS = (
     ),
     Fault(
         747, "colour: half will do where nothing is expected", "verification/checks.py",
-        " and (case.lost or case.off_expected < _NO_LEAP):", ":", (CHECKS,),
+        "if case.surprise <= 1 and (case.lost or case.off_expected < _NO_LEAP):", "if True:", (CHECKS,),
     ),
     Fault(
         748, "colour: half will do for a part of an outline", "verification/checks.py",
-        "if case.visible > _WHOLE and case.surprise <= 1", "if case.surprise <= 1", (CHECKS,),
+        "        if case.visible > _WHOLE:", "        if True:", (CHECKS,),
     ),
     Fault(
         749, "an index that promised more raises what nobody expects", "io/mcap_records.py",
         "if self._count <= number < self._promised:", "if False:", (INDEX,),
+    ),
+    Fault(
+        750, "a dark marker's hue is asked for", "verification/checks.py",
+        "if case.unlike < _ALIKE and not case.lost:", "if False:", (CHECKS,),
+    ),
+    Fault(
+        751, "a lost marker's colour only has to be alike", "verification/checks.py",
+        "if case.unlike < _ALIKE and not case.lost:", "if case.unlike < _ALIKE:", (CHECKS,),
+    ),
+    Fault(
+        752, "unlike: the seed as bright as it was", "detection/appearance.py",
+        "np.minimum(self._bgr * self.gain / 255, 1)", "np.minimum(self._bgr / 255, 1)", (APPEARANCE,),
+    ),
+    Fault(
+        753, "unlike: no contrast counts", "detection/appearance.py",
+        "/ max(_apart(own, ring), 1e-6)", "/ 100", (APPEARANCE,),
+    ),
+    Fault(
+        754, "what hides a marker teaches it a brightness", "detection/appearance.py",
+        "if own > 8 and visible > _CLEAR:", "if own > 8:", (APPEARANCE,),
+    ),
+    Fault(
+        755, "a proposal's own size is never tried", "detection/outline.py",
+        "if own_size and expected is not None", "if False", (OUTLINE,),
+    ),
+    Fault(
+        756, "of a part another size is believed", "detection/outline.py",
+        "free.visible > _WHOLE * free.in_picture", "True", (OUTLINE,),
+    ),
+    Fault(
+        757, "at the picture's border another size is believed", "detection/outline.py",
+        "free.in_picture > _INSIDE", "True", (OUTLINE,),
+    ),
+    Fault(
+        758, "of a streak another size is believed", "detection/outline.py",
+        " and math.hypot(*motion.blur_px) < usual_r_px:", ":", (OUTLINE,),
+    ),
+    Fault(
+        759, "what stood there is taken for a lost marker", "verification/reacquired.py",
+        "return float((now * then).sum()) > _SAME * power", "return False", (REACQUIRED,),
+    ),
+    Fault(
+        760, "stood there: its own pixels are not asked", "verification/reacquired.py",
+        "if stayed.sum() < _STAYED * own.sum():", "if False:", (REACQUIRED,),
+    ),
+    Fault(
+        761, "stood there: what is around is not asked", "verification/reacquired.py",
+        "return float((now * then).sum()) > _SAME * power", "return True", (REACQUIRED,),
+    ),
+    Fault(
+        762, "stood there: the marker's own place is asked about", "verification/reacquired.py",
+        "if circle.distance(last) < circle.r_px + last.r_px:", "if False:", (REACQUIRED,),
+    ),
+    Fault(
+        763, "the frame that a marker was last seen on is its first", "chain.py",
+        "stages.reacquired.seen(frame, circle)", "stages.reacquired._seen or stages.reacquired.seen(frame, circle)",
+        (DECISIONS,),
     ),
 )  # fmt: skip
 

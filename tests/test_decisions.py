@@ -279,6 +279,23 @@ def test_what_a_lost_marker_is_found_as_has_to_be_confirmed_and_a_followed_one_h
     assert asked
 
 
+@pytest.mark.parametrize(("came_at", "it_is"), [(4, False), (12, True)])
+def test_what_stood_there_when_the_marker_was_last_seen_is_not_it(came_at, it_is):
+    """Another ball just like it lies beside the way from the fourth frame on; or comes when the marker has gone."""
+    beside = ball_at(210, 190, 16)
+
+    def image(i):
+        balls = [gliding(i)] if i < 8 else []
+        return picture(*balls, *([beside] if i >= came_at else []), noise_seed=i)
+
+    chain = seeded(image=image)
+    found = steps(chain, range(1, 30), image)
+    assert all(e.status is Status.VERIFIED for e in found[:7])
+    taken = [e for e in found[7:] if e.status is Status.VERIFIED]
+    assert bool(taken) is it_is
+    assert any("stood there" in e.reasons for e in found[7:]) is not it_is
+
+
 @pytest.mark.parametrize(
     ("cover", "reasons"),
     [(None, ()), (Cover(100, 60, 165, 180), ("little outline",)), (Cover(100, 60, 220, 180), ("no outline",))],

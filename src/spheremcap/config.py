@@ -243,6 +243,7 @@ class _SpanRow(_Row):
         return said(self.marker, self.frame, self.to_frame, self.author, self.time)
 
 
+_KINDS = ("circle", "hidden", "keep")
 _OPTIONAL = {"kind", "author", "time"}
 
 
@@ -259,7 +260,10 @@ def answers_in(rows: dict[str, Any], path: str) -> list[Answer]:
     answers: list[Answer] = []
     numbers: dict[tuple[str, int], int] = {}
     for number, row in enumerate(rows["seeds"], 1):
-        spans = isinstance(row, dict) and row.get("kind") in ("hidden", "keep")
+        said = row.get("kind", "circle") if isinstance(row, dict) else "circle"
+        if said not in _KINDS:
+            raise SettingsError(f"{path}: seed {number}: kind is {said!r}; expected one of {', '.join(_KINDS)}")
+        spans = said != "circle"
         kind: type[_SeedRow | _SpanRow] = _SpanRow if spans else _SeedRow
         if not isinstance(row, dict) or set(row) - _OPTIONAL != set(kind.model_fields) - _OPTIONAL:
             needs = "marker, frame and to_frame" if spans else "marker, frame, x_px, y_px and r_px"

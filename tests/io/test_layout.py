@@ -168,6 +168,20 @@ def test_a_recording_of_nothing_that_we_show_says_so(tmp_path, imu):
     assert not (tmp_path / "x.json").exists()
 
 
+def test_numbers_are_looked_for_in_protobuf_alone(tmp_path):
+    """A topic of somebody else's under a name that we use, in JSON."""
+    from mcap.writer import Writer
+
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_message(writer.register_channel("/sync/wheel", "json", 0), 1, b'{"residual_m": 1.5}', 1)
+        writer.finish()
+    (found,) = contents(path).residuals
+    assert (found.topic, found.numbers) == ("/sync/wheel", ())
+
+
 def _without_metres(frame):
     from dataclasses import replace
 

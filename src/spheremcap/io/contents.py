@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
-from google.protobuf.message import DecodeError
+from google.protobuf.message import DecodeError, Message
 
 from spheremcap.core.time import NS_PER_S
 from spheremcap.io import _pb
@@ -177,7 +177,8 @@ def _numbers(records: McapRecords, topic: str) -> tuple[str, ...]:
         return ()
     try:
         decode = decoder(first.channel, records.schemas.get(first.channel.schema_id))
-        found = {} if decode is None else numbers_of(decode(first.data))
+        message = None if decode is None else decode(first.data)
     except UNREADABLE:
         return ()
+    found = numbers_of(message) if isinstance(message, Message) else {}
     return tuple(name for name, value in found.items() if not math.isnan(value))
