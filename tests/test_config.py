@@ -256,7 +256,7 @@ def test_two_circles_of_a_marker_on_one_frame_are_refused_and_other_answers_are_
             "[[seeds]]\nmarker='a'\nframe=0\nkind='hidden'\nx_px=1\ny_px=2\nr_px=3",
             "must have marker, frame and to_frame,",
         ),
-        ("[[seeds]]\nmarker='a'\nframe=0\nto_frame=9\nkind='gone'", "kind is 'gone'; expected one of circle, hidden, keep"),
+        ("[[seeds]]\nmarker='a'\nframe=0\nto_frame=9\nkind='gone'", "kind is 'gone'; expected one of circle"),
         ("[[seeds]]\nmarker='a'\nframe=0\nx_px=1\ny_px=2\nr_px=3\nkind='dot'", "kind is 'dot'; expected one of"),
         ("[[seeds]]\nmarker='a'\nframe=9\nto_frame=8\nkind='keep'", "to_frame 8 is before frame 9"),
         ("[[seeds]]\nmarker='a'\nframe=9\nto_frame=9\nkind='keep'\ntime='noon'", "time: "),
