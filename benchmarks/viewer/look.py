@@ -1,8 +1,10 @@
 """Open a recording in Lichtblick with its layout, in a browser without a screen, and keep a picture of the window.
 
     python benchmarks/viewer/look.py LICHTBLICK RECORDING.mcap LAYOUT.json -o window.png --at 1.5
+    python benchmarks/viewer/look.py LICHTBLICK ws://127.0.0.1:8765 LAYOUT.json -o window.png
 
 LICHTBLICK is the folder of its web build (see build.sh here), `--at` are seconds after the recording's first message.
+Of `spheremcap live` or `view` the address is given that it prints.
 Needs playwright (an extra of the `dev` ones) and Chromium, /usr/bin/chromium unless CHROMIUM says otherwise.
 """
 
@@ -80,20 +82,23 @@ class Files(SimpleHTTPRequestHandler):
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("lichtblick", type=Path)
-    parser.add_argument("recording", type=Path)
+    parser.add_argument("recording", help="a file, or the ws:// address of one that is shown as it goes on")
     parser.add_argument("layout", type=Path)
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--at", type=float, default=1.0, help="seconds after the first message")
     parser.add_argument("--wait", type=float, default=20.0, help="seconds that the viewer has to load")
     parser.add_argument("--size", default="1600x1000")
     given = parser.parse_args()
-    serve = partial(Files, recording=given.recording, layout=given.layout, directory=str(given.lichtblick))
+    serve = partial(Files, recording=Path(given.recording), layout=given.layout, directory=str(given.lichtblick))
     server = ThreadingHTTPServer(("127.0.0.1", 0), serve)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     here = f"http://127.0.0.1:{server.server_port}"
-    start_ns = summarise(given.recording).start_ns or 0
-    time = format_time(start_ns + round(given.at * NS_PER_S))
-    asked = f"ds=remote-file&ds.url={quote(f'{here}/recording.mcap', safe='')}&time={quote(time, safe='')}"
+    if given.recording.startswith("ws://"):
+        asked = f"ds=foxglove-websocket&ds.url={quote(given.recording, safe='')}"
+    else:
+        start_ns = summarise(Path(given.recording)).start_ns or 0
+        time = format_time(start_ns + round(given.at * NS_PER_S))
+        asked = f"ds=remote-file&ds.url={quote(f'{here}/recording.mcap', safe='')}&time={quote(time, safe='')}"
     width, height = map(int, given.size.split("x"))
     with sync_playwright() as play:
         browser = play.chromium.launch(

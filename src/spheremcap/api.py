@@ -656,7 +656,7 @@ def _by_camera(
 ) -> list[tuple[CameraView, Settings, list[Answer]]]:
     """Each camera with its markers and seeds. With several, `front/left_wrist` is a marker of camera /front."""
     if len(views) == 1:
-        return [(views[0], _with_seeded_markers(settings, seeds), list(seeds))]
+        return [(views[0], with_seeded_markers(settings, seeds), list(seeds))]
     own: dict[str, list[Answer]] = {view.name.strip("/"): [] for view in views}
     for seed in seeds:
         camera, _, marker = seed.marker.strip("/").rpartition("/")
@@ -676,11 +676,11 @@ def _by_camera(
             )
         names = {seed.marker for seed in some}
         here = settings.model_copy(update={"markers": tuple(m for m in settings.markers if m.name in names)})
-        cameras.append((view, _with_seeded_markers(here, some), some))
+        cameras.append((view, with_seeded_markers(here, some), some))
     return cameras
 
 
-def _with_seeded_markers(settings: Settings, seeds: Sequence[Answer]) -> Settings:
+def with_seeded_markers(settings: Settings, seeds: Sequence[Answer]) -> Settings:
     """Settings that also list the markers only the seeds name."""
     known = [m.name for m in settings.markers]
     new = [name for name in dict.fromkeys(seed.marker for seed in seeds) if name not in known]

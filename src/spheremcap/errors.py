@@ -27,3 +27,8 @@ def short(found: object) -> str:
     """
     text = " ".join(str(found).split()) or type(found).__name__ if isinstance(found, BaseException) else repr(found)
     return text if len(text) <= 160 else f"{text[:140]} ... ({len(text)} characters)"
+
+
+def printable(text: str) -> str:
+    """Text of a file without control characters, which a terminal would obey, on one line."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)

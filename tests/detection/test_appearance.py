@@ -133,6 +133,8 @@ def test_unlike_is_how_far_a_colour_is_from_the_seeds_over_its_contrast():
     assert appearance.unlike(own_scale(picture(ball_at(150.3, 117.8, 18, rgb=BLUE)), CIRCLE), CIRCLE) > 0.8
     assert appearance.unlike(patch, CIRCLE.shifted(60, 0)) > 0.8  # bare background
     assert appearance.unlike(patch, CIRCLE.shifted(1000, 0)) == np.inf
+    wall = np.full((240, 320, 3), np.median(patch.bgr[26:38, 26:38], axis=(0, 1)) - 12, np.uint8)
+    assert appearance.unlike(own_scale(wall, CIRCLE), CIRCLE) > 10  # nearly its colour, as all around
 
 
 def test_unlike_knows_the_brightness_that_the_marker_has_by_now():

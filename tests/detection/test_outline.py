@@ -237,17 +237,30 @@ def test_of_two_proposals_the_one_with_the_longer_outline_is_claimed():
 
 
 @pytest.mark.parametrize("size", [0.78, 1.35])
-@pytest.mark.parametrize("seen", ["whole", "half", "streak"])
+@pytest.mark.parametrize("seen", ["whole", "half"])
 def test_a_proposal_of_another_size_is_believed_where_it_is_a_whole(size, seen):
     """A ball that falls away from the camera is a fifth smaller a frame later, whatever was expected."""
     ball, usual = ball_at(160, 120, 24), Circle(161, 121, 24 / size)
     frame = yuv_frame(picture(ball, covers=(Cover(166, 60, 260, 180),) if seen == "half" else ()))
     what = replace(expected(ball, off=size - 1), circle=usual, reach_px=40.0)
-    motion = replace(AT_REST, blur_px=np.array([1.1 * usual.r_px, 0.0])) if seen == "streak" else AT_REST
     proposals = (("prediction", usual), ("colour", Circle(159, 120, 23)))
-    claim = outline().longest(frame, proposals, motion, None, what)
+    claim = outline().longest(frame, proposals, AT_REST, None, what)
     right = claim is not None and claim.circle.dice(truth(ball)) > 0.98
     assert right is (seen == "whole")
+
+
+def test_of_a_streak_no_other_size_is_tried(monkeypatch):
+    """What colours say of its size is the streak's."""
+    tried = []
+    monkeypatch.setattr(Outline, "sharpened", lambda self, *given: tried.append(given[6]))  # what is expected
+    ball, usual = ball_at(160, 120, 24), Circle(161, 121, 30)
+    proposals, what = (("colour", Circle(159, 120, 23)),), expected(ball)
+    for blur_px, sizes in ((29.9, [what, None]), (30.1, [what])):
+        tried.clear()
+        motion = replace(AT_REST, blur_px=np.array([blur_px, 0.0]))
+        frame = yuv_frame(picture(ball))
+        outline().longest(frame, (("kcf", usual), *proposals), motion, None, what)
+        assert tried[1:] == sizes
 
 
 def test_of_what_the_pictures_border_cuts_off_no_other_size_is_believed():

@@ -13,9 +13,11 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from viewer import Told, Viewer
 
 from clips import seed, write_clip
-from spheremcap.config import Settings, parse_seed
+from spheremcap.config import CameraSettings, Settings, parse_seed
 from spheremcap.core.marker import Seed
 from spheremcap.errors import UsageError
+from spheremcap.io.contents import contents
+from spheremcap.io.layout import layout
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.recording import open as open_recording
 from spheremcap.live.server import ViewerServer
@@ -23,6 +25,7 @@ from spheremcap.live.tracking import Shown, track_live
 
 PICTURES, STATE = "/camera/image", "/markers/orange/state"
 SEED = parse_seed(seed("orange"))
+METRES = CameraSettings(width_px=320, height_px=240, fx_px=600.0, fy_px=600.0, cx_px=159.5, cy_px=119.5)
 
 
 class Watcher(threading.Thread):
@@ -104,6 +107,35 @@ def test_viewers_get_the_bytes_of_the_recording(run):
         with McapRecords(out) as records:
             mine = next(c for c in records.channels.values() if c.topic == topic)
             assert channel["schemaName"] == records.schemas[mine.schema_id].name
+
+
+@pytest.mark.parametrize("camera", [CameraSettings(), METRES])
+def test_what_it_will_have_is_told_before_the_first_picture_and_is_what_it_then_has(tmp_path, clip, camera):
+    """But for the lists that stay empty where there is nothing to say."""
+    told = []
+
+    def begins(found):
+        assert not list(tmp_path.iterdir())
+        told.append(found)
+
+    out, tracked = tmp_path / "live.mcap", []
+    with ViewerServer(0) as server:
+        track_live(
+            str(clip), out, Settings(camera=camera), [SEED], server, begins=begins,
+            progress=lambda done, skipped: tracked.append(len(told)),
+        )  # fmt: skip
+    assert set(tracked) == {1}
+    (promised,), has = told, contents(out)
+    for name in ("name", "picture", "calibration", "markers", "world"):
+        assert getattr(promised.cameras[0], name) == getattr(has.cameras[0], name), name
+    assert len(promised.cameras[0].xyz_cam_m) == camera.given
+    if camera.given:
+        assert np.allclose(promised.cameras[0].xyz_cam_m[0], has.cameras[0].xyz_cam_m[0], rtol=0.05, atol=0.01)
+    assert promised.topics >= {
+        topic for topic in has.topics if topic.startswith(("/markers/orange/v", "/requests", "/log"))
+    }
+    panels, later = (layout(found)["configById"] for found in (promised, has))
+    assert set(panels) >= set(later)
 
 
 def test_pictures_are_jpeg_and_at_most_thirty_a_second(run):

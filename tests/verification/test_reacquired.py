@@ -126,6 +126,12 @@ def test_background_that_has_not_changed_around_a_part_of_it_does_not_speak_agai
     assert reasons(before, there(limits, now)) == ()
 
 
+def test_a_thing_of_its_colour_without_its_outline_was_not_it(limits):
+    """It comes before a wall of its own colour."""
+    wall = picture(BALL, covers=(Cover(190, 110, 270, 190, (205, 100, 20)),), noise_seed=1)
+    assert reasons(wall, there(limits, picture(BALL, noise_seed=2))) == ()
+
+
 def test_a_place_that_the_marker_itself_reached_to_is_not_asked_about(limits):
     before, now = picture(BALL, noise_seed=1), picture(BALL, noise_seed=2)
     r_px = CIRCLE.r_px

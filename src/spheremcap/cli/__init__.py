@@ -30,6 +30,7 @@ from spheremcap.cli import (
     tune,
     view,
 )
+from spheremcap.cli.said import warn
 from spheremcap.errors import SpheremcapError, UsageError, short
 from spheremcap.interrupt import Interrupted
 
@@ -82,13 +83,13 @@ def main() -> None:
     try:
         app()
     except UsageError as error:
-        print(f"spheremcap: {error}", file=sys.stderr)
+        warn(error)
         sys.exit(2)
     except SpheremcapError as error:
-        print(f"spheremcap: {error}", file=sys.stderr)
+        warn(error)
         sys.exit(1)
     except (Interrupted, KeyboardInterrupt) as error:
-        print(f"spheremcap: {str(error) or 'interrupted'}", file=sys.stderr)
+        warn(str(error) or "interrupted")
         sys.exit(1)
     except BrokenPipeError:
         # Whoever read has gone; Python would try once more to write what is left.

@@ -1,7 +1,6 @@
 """spheremcap annotate: the page on which a person sees, clicks and corrects."""
 
 import getpass
-import sys
 import time
 import webbrowser
 from pathlib import Path
@@ -11,6 +10,7 @@ import typer
 
 from spheremcap.cli.extras import needed
 from spheremcap.cli.progress import loaded
+from spheremcap.cli.said import warn
 from spheremcap.errors import UsageError
 from spheremcap.interrupt import Interrupt
 
@@ -60,7 +60,7 @@ def annotate(
     try:
         with Interrupt() as interrupted, Server(page, allow_remote or "127.0.0.1") as server:
             print(server.url, flush=True)
-            print(f"spheremcap: {source} is open on this page; Ctrl-C ends it", file=sys.stderr)
+            warn(f"{source} is open on this page; Ctrl-C ends it")
             if not no_browser:
                 webbrowser.open(server.url)
             while not interrupted():

@@ -1,12 +1,12 @@
 """spheremcap export: the tracks of a recording as a table."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from spheremcap.cli.progress import loaded
+from spheremcap.cli.said import warn
 from spheremcap.cli.selection import From, Markers, To, selection
 
 
@@ -32,8 +32,8 @@ def export(
     wanted = selection(marker, start, end)
     done = export_tracks(recording, output, overwrite, wanted=wanted, excel=excel)
     for note in done.notes:
-        print(f"spheremcap: {note}", file=sys.stderr)
+        warn(note)
     print(f"{done.rows} rows -> {output}")
     if done.damage is not None:
-        print(f"spheremcap: {done.damage}", file=sys.stderr)
+        warn(done.damage)
         raise typer.Exit(3)

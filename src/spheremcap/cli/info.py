@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from spheremcap.core.time import format_time
+from spheremcap.errors import printable
 
 if TYPE_CHECKING:
     from spheremcap.io.summary import MarkerSummary, Summary
@@ -46,17 +47,17 @@ def _recording(summary: "Summary", check: bool) -> list[str]:
     from rich.table import Table
 
     for marker in summary.markers:
-        typer.echo(_plain(_marker(marker)))
+        typer.echo(printable(_marker(marker)))
     for marker in summary.markers:
         for request in marker.requests:
             at = f"frame {request.frame_index} ({format_time(request.stamp_ns)})"
             said = f"answered ({request.answered})" if request.answered else "request"
-            typer.echo(_plain(f"{said}: where is {marker.marker} on {at}? {request.reason}"))
+            typer.echo(printable(f"{said}: where is {marker.marker} on {at}? {request.reason}"))
     for line in _head(summary):
-        typer.echo(_plain(line))
+        typer.echo(printable(line))
     topics = Table("topic", "messages", "schema", "encoding", box=None, pad_edge=False)
     for t in summary.topics:
-        topics.add_row(*(escape(_plain(cell)) for cell in (t.topic, str(t.messages), t.schema, t.encoding)))
+        topics.add_row(*(escape(printable(cell)) for cell in (t.topic, str(t.messages), t.schema, t.encoding)))
     Console(highlight=False, soft_wrap=True).print(topics)
     if summary.unread_chunks:
         typer.echo(
@@ -69,11 +70,6 @@ def _recording(summary: "Summary", check: bool) -> list[str]:
         typer.echo(f"checked: every chunk, checksum and message{more}: {damaged}")
         return [f"{summary.path}: {line}" for line in summary.lost]
     return [] if summary.damage is None else [summary.damage]
-
-
-def _plain(text: str) -> str:
-    """Text of a file without control characters, which a terminal would obey."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 def _marker(m: "MarkerSummary") -> str:
@@ -120,7 +116,7 @@ def _video(video: "VideoSummary") -> list[str]:
     if not video.checked:
         lines.append("not looked into: all pictures but the first; info --check decodes them")
     for line in lines:
-        typer.echo(_plain(line))
+        typer.echo(printable(line))
     return [line if line.startswith(str(video.path)) else f"{video.path}: {line}" for line in video.lost]
 
 

@@ -1,12 +1,12 @@
 """spheremcap layout: how a viewer shows a recording."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from spheremcap.cli.progress import loaded
+from spheremcap.cli.said import warn
 from spheremcap.errors import UsageError
 
 NoLayout = Annotated[bool, typer.Option("--no-layout", help="Write no viewer layout beside the output.")]
@@ -22,7 +22,7 @@ def layout(
 
     loaded()
     for note in write_layout(recording, output, overwrite=overwrite):
-        print(f"spheremcap: {note}", file=sys.stderr)
+        warn(note)
     print(how_to_see(recording, output))
 
 
@@ -34,12 +34,12 @@ def beside(recording: Path, wanted: bool, overwrite: bool) -> None:
     if not wanted:
         return
     if path.exists() and not overwrite:
-        print(f"spheremcap: {path} is there already and stays; --overwrite replaces it", file=sys.stderr)
+        warn(f"{path} is there already and stays; --overwrite replaces it")
         return
     try:
         write_layout(recording, path, overwrite=overwrite)
     except UsageError as error:
-        print(f"spheremcap: no layout beside it: {error}", file=sys.stderr)
+        warn(f"no layout beside it: {error}")
     else:
         print(how_to_see(recording, path))
 

@@ -1,6 +1,5 @@
 """spheremcap live: track a camera, and show it while it goes on."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +8,7 @@ import typer
 from spheremcap.cli.extras import needed
 from spheremcap.cli.layout import beside
 from spheremcap.cli.progress import bar, loaded
+from spheremcap.cli.said import warn
 from spheremcap.cli.track import answers_of, time_ns
 from spheremcap.cli.view import Open, Port, connect
 from spheremcap.interrupt import Interrupt
@@ -38,6 +38,8 @@ def live(
         from spheremcap.live.server import ViewerServer
         from spheremcap.live.tracking import track_live
     from spheremcap.config import Settings, load_settings, with_camera
+    from spheremcap.io.contents import Contents
+    from spheremcap.io.layout import layout_path, write_layout_of
     from spheremcap.io.output import checked_output
 
     loaded()
@@ -47,18 +49,26 @@ def live(
     given = answers_of(seeds, seed)
     inputs = [path for path in (settings, seeds) if path is not None]
     checked_output(output, inputs, overwrite=overwrite)
+    shown_by = layout_path(output)
+    keeps = shown_by.exists() and not overwrite
+
+    def begins(found: Contents) -> None:
+        if not keeps:
+            write_layout_of(found, output, shown_by, overwrite=True)
+            print(f"and there Layouts > Import from file: {shown_by}")
+
     with Interrupt() as interrupted, ViewerServer(port) as server, bar() as shown:
         connect(server, open_)
         task = shown.add_task("live", total=None)
         report = track_live(
             source, output, chosen, given, server,
             folder=settings.parent if settings is not None else Path(), inputs=inputs, overwrite=overwrite,
-            start_time_ns=time_ns("--start-time", start_time), stop=interrupted,
+            start_time_ns=time_ns("--start-time", start_time), stop=interrupted, begins=begins,
             progress=lambda done, skipped: shown.update(task, completed=done, description=f"live, {skipped} skipped"),
         )  # fmt: skip
     for line in [*report.notes, *report.lost]:
-        print(f"spheremcap: {line}", file=sys.stderr)
+        warn(line)
     print(f"{report.frames} frames -> {output}")
-    beside(output, True, overwrite)
+    beside(output, True, not keeps)
     if not report.complete:
         raise typer.Exit(3)

@@ -9,6 +9,7 @@ import typer
 
 from spheremcap.cli.layout import NoLayout, beside
 from spheremcap.cli.progress import bar, loaded, stopped
+from spheremcap.cli.said import warn
 from spheremcap.errors import UsageError
 from spheremcap.interrupt import Interrupt
 
@@ -133,7 +134,7 @@ def merge(
 
 
 def _say(line: str) -> None:
-    print(f"spheremcap: {line}", file=sys.stderr)
+    warn(line)
 
 
 def _input(text: str) -> tuple[str, Path]:

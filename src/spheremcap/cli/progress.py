@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from spheremcap.cli.said import warn
 from spheremcap.interrupt import unwind
 
 if TYPE_CHECKING:
@@ -42,5 +43,5 @@ def bar(unit: str = "frames") -> "Progress":
 def stopped(after: str, part: Path | None) -> typer.Exit:
     """Say where the work of a run is that was stopped, and give its exit code."""
     kept = f"they are in {part}" if part is not None else "nothing was written"
-    print(f"spheremcap: stopped after {after}; {kept}", file=sys.stderr)
+    warn(f"stopped after {after}; {kept}")
     return typer.Exit(1)

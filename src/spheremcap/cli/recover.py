@@ -1,12 +1,12 @@
 """spheremcap recover: a whole recording out of what an interrupted run left."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from spheremcap.cli.progress import bar, loaded, stopped
+from spheremcap.cli.said import warn
 from spheremcap.core.time import format_time
 from spheremcap.interrupt import Interrupt
 
@@ -35,7 +35,7 @@ def recover(
         )  # fmt: skip
     merged = done.merged
     for line in (*merged.notes, *done.lost):
-        print(f"spheremcap: {line}", file=sys.stderr)
+        warn(line)
     written = f"{sum(merged.counts.values())} messages on {len(merged.counts)} topics"
     if merged.stopped:
         raise stopped(written, merged.part)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from spheremcap.cli.progress import bar, loaded
+from spheremcap.cli.said import warn
 from spheremcap.cli.selection import From, Markers, To, selection
 from spheremcap.interrupt import Interrupt
 
@@ -40,7 +41,7 @@ def render(
             progress=lambda done, total: shown.update(task, completed=done, total=total),
         )  # fmt: skip
     for note in done.notes:
-        print(f"spheremcap: {note}", file=sys.stderr)
+        warn(note)
     print(f"{done.pictures} pictures -> {output}")
     if interrupted():
         print("spheremcap: interrupted: the video ends there", file=sys.stderr)

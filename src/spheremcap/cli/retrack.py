@@ -1,6 +1,5 @@
 """spheremcap retrack: a person's answers into a recording that was tracked without them."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +7,7 @@ import typer
 
 from spheremcap.cli.layout import NoLayout, beside
 from spheremcap.cli.progress import bar, loaded, stopped
+from spheremcap.cli.said import warn
 from spheremcap.cli.track import answers_of
 from spheremcap.interrupt import Interrupt
 
@@ -50,7 +50,7 @@ def retrack(
             progress=lambda done, total: shown.update(task, completed=done, total=total), stop=interrupted,
         )  # fmt: skip
     for line in (*report.notes, *report.lost):
-        print(f"spheremcap: {line}", file=sys.stderr)
+        warn(line)
     if report.stopped:
         raise stopped(f"{report.frames} frames", report.part)
     for line in report.stretches:

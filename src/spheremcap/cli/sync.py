@@ -1,12 +1,12 @@
 """spheremcap sync: how a sensor's clock stands against the video's."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from spheremcap.cli.progress import loaded
+from spheremcap.cli.said import warn
 
 
 def sync(
@@ -33,7 +33,7 @@ def sync(
     loaded()
     opened = open_recording(recording)
     if opened.damage is not None:
-        print(f"spheremcap: {opened.damage}", file=sys.stderr)
+        warn(opened.damage)
     found = sync_recording(opened, marker, sensor, config=SyncConfig(max_offset_s=max_offset))
     print(f"{sensor}: {found.line()}")
     print(f"merge again with --sync NAME={marker}, or add to what was given: "

@@ -1,12 +1,12 @@
 """spheremcap synth: render a session with exact truth."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from spheremcap.cli.progress import bar, loaded
+from spheremcap.cli.said import warn
 from spheremcap.errors import UsageError
 
 
@@ -36,5 +36,5 @@ def synth(
             progress=lambda done, total: progress.update(task, completed=done, total=total),
         )  # fmt: skip
     for note in session.notes:
-        print(f"spheremcap: {note}", file=sys.stderr)
+        warn(note)
     print(f"{session.frames} frames -> {session.video}, truth in {session.truth}")

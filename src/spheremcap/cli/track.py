@@ -14,6 +14,7 @@ import typer
 
 from spheremcap.cli.layout import NoLayout, beside
 from spheremcap.cli.progress import bar, loaded, stopped
+from spheremcap.cli.said import warn
 from spheremcap.core.time import parse_time_ns
 from spheremcap.errors import UsageError, short
 from spheremcap.interrupt import Interrupt, Interrupted
@@ -192,7 +193,7 @@ def track(
                 stop=interrupted,
             )  # fmt: skip
     for note in report.notes:
-        print(f"spheremcap: {note}", file=sys.stderr)
+        warn(note)
     for name, counts in report.statuses.items():
         parts = ", ".join(
             f"{count} {status.value.lower()}" for status, count in sorted(counts.items(), key=lambda i: -i[1])
@@ -201,7 +202,7 @@ def track(
     if report.requests:
         print(f"{report.requests} request{'s' * (report.requests != 1)} for a person: see `spheremcap info {output}`")
     for line in report.lost:
-        print(f"spheremcap: {line}", file=sys.stderr)
+        warn(line)
     if report.stopped:
         raise stopped(f"{report.frames} frames", report.part)
     print(f"{report.frames} frames -> {output}")

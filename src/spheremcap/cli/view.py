@@ -1,6 +1,5 @@
 """spheremcap view: a recording in a viewer, over a connection."""
 
-import sys
 import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,6 +8,7 @@ import typer
 
 from spheremcap.cli.extras import needed
 from spheremcap.cli.progress import loaded
+from spheremcap.cli.said import warn
 from spheremcap.interrupt import Interrupt
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def view(
             connect(playback.server, open_)
             playback.run(interrupted)
         for line in records.damage():
-            print(f"spheremcap: {recording}: {line}", file=sys.stderr)
+            warn(f"{recording}: {line}")
         if records.damage():
             raise typer.Exit(3)
 

@@ -82,6 +82,22 @@ def contents(path: str | os.PathLike[str]) -> Contents:
         )
 
 
+def to_come(topics: Topics, markers: tuple[str, ...], xyz_cam_m: FloatArray, rate_hz: float) -> Contents:
+    """What a recording of one camera's JPEG pictures will have. `xyz_cam_m` (N, 3) are places where markers are, none
+    without a calibrated camera."""
+    calibration = topics.calibration if len(xyz_cam_m) else ""
+    camera = CameraContents("", topics, topics.image, calibration, markers, WORLD_FRAME, xyz_cam_m)
+    each = [(topics.state(marker), topics.votes(marker), topics.debug(marker)) for marker in markers]
+    known = {
+        topics.image,
+        topics.annotations,
+        topics.log,
+        topics.requests,
+        *(topic for three in each for topic in three),
+    }
+    return Contents((camera,), (), (), frozenset(known), rate_hz)
+
+
 def _replaced(topic: str) -> bool:
     return topic.startswith(f"{REPLACED}/")
 

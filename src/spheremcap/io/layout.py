@@ -39,7 +39,13 @@ def write_layout(
     recording: str | os.PathLike[str], out: str | os.PathLike[str], *, overwrite: bool = False
 ) -> tuple[str, ...]:
     """Write the layout for a recording; notes for the user come back. Raises SourceError, UsageError, OutputError."""
-    found = contents(recording)
+    return write_layout_of(contents(recording), recording, out, overwrite=overwrite)
+
+
+def write_layout_of(
+    found: Contents, recording: str | os.PathLike[str], out: str | os.PathLike[str], *, overwrite: bool = False
+) -> tuple[str, ...]:
+    """Write the layout for what a recording has, or will have. Raises UsageError, OutputError."""
     with whole_file(out, [Path(recording)], overwrite=overwrite) as part:
         part.path.write_text(json.dumps(layout(found), indent=2) + "\n", encoding="utf-8")
     return part.notes

@@ -33,7 +33,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, Metadata, Schema, Statistics
 
-from spheremcap.errors import SourceError, short
+from spheremcap.errors import SourceError, printable, short
 from spheremcap.io.input_file import MCAP_MAGIC as MAGIC
 from spheremcap.io.input_file import checked_input
 
@@ -283,7 +283,7 @@ class McapRecords:
     def damage(self) -> list[str]:
         """All that could not be read so far, a line each: damage of the file, and messages that do not decode."""
         bad = [
-            f"{topic}: {count} message{'s' * (count != 1)} not as the schema says ({first})"
+            f"{printable(topic)}: {count} message{'s' * (count != 1)} not as the schema says ({first})"
             for topic, (count, first) in self._undecodable.items()
         ]
         return [*map(str, self.lost), *bad]

@@ -4,15 +4,21 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
+
 from spheremcap import api
 from spheremcap.config import Settings
 from spheremcap.core.marker import Answer
 from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import UsageError
+from spheremcap.io.contents import Contents, to_come
 from spheremcap.io.mcap_log import RunInfo, Sink
+from spheremcap.io.source import Source
 from spheremcap.io.sources import CameraView, Input, fingerprint
+from spheremcap.io.topics import Topics
 from spheremcap.live.server import ViewerServer
 from spheremcap.live.sources import Stop, open_live
+from spheremcap.positioning.sphere import sphere_of_circle
 from spheremcap.stretch import base_seeds
 
 PICTURES_HZ = 30
@@ -77,13 +83,15 @@ def track_live(
     inputs: Sequence[Path] = (),
     overwrite: bool = False,
     start_time_ns: int | None = None,
+    begins: Callable[[Contents], None] = lambda found: None,
     progress: Callable[[int, int], None] = lambda done, skipped: None,
     stop: Stop = lambda: False,
 ) -> api.TrackReport:
     """Track a camera, a stream or a video file in real time, until it ends or `stop` says so.
 
-    Pictures are JPEG, and poses are smoothed by the one that follows alone, so that all is shown at once. `progress`
-    gets the pictures that were tracked and those that were skipped. The other parameters, and what is raised, are
+    Pictures are JPEG, and poses are smoothed by the one that follows alone, so that all is shown at once. `begins` gets
+    what the recording will have before anything is tracked, for viewers to be told how to show it. `progress` gets the
+    pictures that were tracked and those that were skipped. The other parameters, and what is raised, are
     those of `api.track`.
     """
     if len(base_seeds(seeds)) < len(seeds):
@@ -96,9 +104,19 @@ def track_live(
     )
     with closing(open_live(source, stop, {seed.frame_index for seed in seeds}, start_time_ns)) as opened:
         path = opened.path
+        begins(_to_come(opened, live, seeds, folder))
         run = RunInfo(path.name, *fingerprint(path)) if path.is_file() else RunInfo(path.name)
         return api.track_input(
             Input(path, (CameraView(opened, live=True),)), run, output, live, seeds,
             folder=folder, inputs=inputs, overwrite=overwrite, sink=lambda writer: Shown(writer, server),
             progress=lambda done, total: progress(done, opened.lost.skipped),
         )  # fmt: skip
+
+
+def _to_come(opened: Source, settings: Settings, seeds: Sequence[Answer], folder: Path) -> Contents:
+    """What the recording will have; where markers are is where the seeds have them."""
+    camera, metric, _ = api.resolve_camera(settings.camera, opened.width_px, opened.height_px, folder)
+    specs = {marker.name: marker.spec() for marker in api.with_seeded_markers(settings, seeds).markers}
+    given = base_seeds(seeds) if metric else []
+    places = [sphere_of_circle(seed.circle, specs[seed.marker].radius_m, camera) for seed in given]
+    return to_come(Topics(), tuple(specs), np.array(places).reshape(-1, 3), PICTURES_HZ)

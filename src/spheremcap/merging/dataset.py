@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 
-from spheremcap.errors import UsageError
+from spheremcap.errors import UsageError, printable
 from spheremcap.io import recording
 from spheremcap.io.frames import frames_of
 from spheremcap.io.join import McapStream, Merged, Stream, frame_prefix, in_range, merge_streams
@@ -310,9 +310,13 @@ def sync_recording(found: recording.Recording, marker: str, sensor: str, *, conf
     no clear answer.
     """
     if marker not in found.tracks:
-        raise UsageError(f"{found.path}: no marker {marker!r}; there are: {', '.join(found.tracks) or 'none'}")
+        raise UsageError(
+            f"{found.path}: no marker {marker!r}; there are: {printable(', '.join(found.tracks)) or 'none'}"
+        )
     if sensor not in found.sensors:
-        raise UsageError(f"{found.path}: no sensor {sensor!r}; there are: {', '.join(found.sensors) or 'none'}")
+        raise UsageError(
+            f"{found.path}: no sensor {sensor!r}; there are: {printable(', '.join(found.sensors)) or 'none'}"
+        )
     track, samples = found.tracks[marker], found.sensors[sensor]
     xyz = track.xyz_cam_m.copy()
     xyz[~track.measured] = float("nan")
