@@ -8,7 +8,6 @@ Each command is a process of its own, and the file is in the page cache, for bot
 """
 
 import argparse
-import os
 import subprocess
 import sys
 import tempfile
@@ -104,17 +103,24 @@ def _moved(result: FrameResult, index: int, stamp_ns: int, lost: bool) -> FrameR
     return FrameResult(index, stamp_ns, (estimate,), () if lost else smoothed)
 
 
+_APART = """
+import os, resource, subprocess, sys, time
+started = time.monotonic()
+code = subprocess.run(sys.argv[1:]).returncode
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(time.monotonic() - started, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, file=sys.stderr)
+sys.exit(code)
+"""
+
+
 def measured(words: list[str]) -> tuple[float, float, float]:
-    """Seconds on the clock, seconds of processors, and megabytes at most, of a command."""
-    started = time.monotonic()
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    said = process.stdout.read()
-    _, status, usage = os.wait4(process.pid, 0)
-    seconds = time.monotonic() - started
-    assert status == 0, said
-    print(said, end="")
-    return seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+    """Seconds on the clock, seconds of processors, and megabytes at most, of a command. A small process starts it: one
+    begins with the memory of what it was forked from, and this one is large."""
+    done = subprocess.run([sys.executable, "-c", _APART, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    print(done.stdout, end="")
+    seconds, busy, megabytes = map(float, done.stderr.splitlines()[-1].split())
+    return seconds, busy, megabytes
 
 
 def main() -> None:
