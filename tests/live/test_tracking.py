@@ -115,7 +115,7 @@ def test_what_it_will_have_is_told_before_the_first_picture_and_is_what_it_then_
     told = []
 
     def begins(found):
-        assert not list(tmp_path.iterdir())
+        assert not tracked
         told.append(found)
 
     out, tracked = tmp_path / "live.mcap", []
@@ -136,6 +136,13 @@ def test_what_it_will_have_is_told_before_the_first_picture_and_is_what_it_then_
     }
     panels, later = (layout(found)["configById"] for found in (promised, has))
     assert set(panels) >= set(later)
+
+
+def test_nothing_is_told_of_a_run_that_cannot_begin(tmp_path, clip):
+    told = []
+    with ViewerServer(0) as server, pytest.raises(UsageError):
+        track_live(str(clip), tmp_path / "live.mcap", Settings(), [], server, begins=told.append)
+    assert told == list(tmp_path.iterdir()) == []
 
 
 def test_pictures_are_jpeg_and_at_most_thirty_a_second(run):

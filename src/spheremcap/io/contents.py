@@ -87,14 +87,9 @@ def to_come(topics: Topics, markers: tuple[str, ...], xyz_cam_m: FloatArray, rat
     without a calibrated camera."""
     calibration = topics.calibration if len(xyz_cam_m) else ""
     camera = CameraContents("", topics, topics.image, calibration, markers, WORLD_FRAME, xyz_cam_m)
-    each = [(topics.state(marker), topics.votes(marker), topics.debug(marker)) for marker in markers]
-    known = {
-        topics.image,
-        topics.annotations,
-        topics.log,
-        topics.requests,
-        *(topic for three in each for topic in three),
-    }
+    known = {topics.image, topics.annotations, topics.log, topics.requests}
+    for marker in markers:
+        known |= {topics.state(marker), topics.votes(marker), topics.debug(marker)}
     return Contents((camera,), (), (), frozenset(known), rate_hz)
 
 

@@ -104,11 +104,15 @@ def track_live(
     )
     with closing(open_live(source, stop, {seed.frame_index for seed in seeds}, start_time_ns)) as opened:
         path = opened.path
-        begins(_to_come(opened, live, seeds, folder))
+
+        def shown(writer: Sink) -> Sink:
+            begins(_to_come(opened, live, seeds, folder))  # all that was given is found to be right by now
+            return Shown(writer, server)
+
         run = RunInfo(path.name, *fingerprint(path)) if path.is_file() else RunInfo(path.name)
         return api.track_input(
             Input(path, (CameraView(opened, live=True),)), run, output, live, seeds,
-            folder=folder, inputs=inputs, overwrite=overwrite, sink=lambda writer: Shown(writer, server),
+            folder=folder, inputs=inputs, overwrite=overwrite, sink=shown,
             progress=lambda done, total: progress(done, opened.lost.skipped),
         )  # fmt: skip
 
