@@ -25,6 +25,7 @@ def _message_class(name: str) -> Any:
     return message_factory.GetMessageClass(_POOL.FindMessageTypeByName(f"spheremcap.{name}"))
 
 
+ArmSample = _message_class("ArmSample")
 Circle = _message_class("Circle")
 ImuSample = _message_class("ImuSample")
 MarkerState = _message_class("MarkerState")
@@ -33,6 +34,9 @@ OperatorRequest = _message_class("OperatorRequest")
 PartialVector3 = _message_class("PartialVector3")
 Proposal = _message_class("Proposal")
 Replaced = _message_class("Replaced")
+Stroke = _message_class("Stroke")
+StrokeEvent = _message_class("StrokeEvent")
+TrunkSample = _message_class("TrunkSample")
 Vote = _message_class("Vote")
 WheelSample = _message_class("WheelSample")
 Window = _message_class("Window")
