@@ -1,0 +1,218 @@
+"""The instants at which a hand takes hold of the rim and lets it go, from the wrist's path about the axle.
+
+While a hand is on the rim its wrist goes round with it; off the rim it goes on its own. Contact is where the one path
+turns into the other: its velocity changes within a few milliseconds. At release nothing pushes the hand, so its
+velocity goes on, and its acceleration is new. Either is fitted to the measured positions of some hundredths of a second
+around it, radius and arc together, weighted by their covariances, with the instant as an unknown between the frames (a
+segmented regression, Hinkley 1971); how much worse other instants fit gives its standard deviation.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from spheremcap.core.stroke import EventKind
+
+FloatArray = npt.NDArray[np.float64]
+
+_REACH_S = 0.040
+"""How far from the instant positions are taken in."""
+_SEARCH_S = 0.020
+"""How far from the first guess it is looked for."""
+_COARSE_S, _FINE_S = 0.0015, 0.00015
+_FRAMES_SIDE = 4
+"""And how many frames at least, for slower cameras."""
+_FRAMES_SEARCH = 2.0
+_AWAY_S = np.concatenate([[0.0], np.geomspace(0.0001, 0.03, 24)])
+_LEAST_SIDE = 3
+"""Measured positions that are needed on either side."""
+_MOST_MISSING = 3.5
+"""Frames from one measured position to the next, across which an instant is still told."""
+_SOFT_S = 0.003
+"""How long a hand takes to be as fast as the rim it has met: flesh and glove give."""
+_FREE_RADIUS = 2
+"""The column of the speed inward before contact."""
+_MODEL_S = 0.0008
+"""What an instant is good to for that: hands are softer or harder than `_SOFT_S`."""
+_SLIP_MPS = 0.05
+"""How fast a hand on the rim may creep along it."""
+_ROLL_MPS = 0.15
+"""How fast its wrist may roll inward or outward."""
+_CLOSING = (0.3, 0.15), (0.3, 0.10)
+"""How fast a hand comes in, m/s, and how sure that is: so much, and so much of the rim's speed. Without it a fit could
+take the rim for the hand's way to it, for some hundredths of a second after contact."""
+_BEND_MPS2 = 8.0
+"""How that may change, over two: a wrist rolls out and in again within a push."""
+_TURN_MPS2 = 10.0
+"""How the speed of the rim may change, over two, where the wheel's rate is not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """A contact or release at `t_s`, the wrist's angle about the axle there, and its speed in the wheel's plane, just
+    before contact or at release, with their standard deviations."""
+
+    t_s: float
+    sd_s: float
+    angle_rad: float
+    angle_sd_rad: float
+    speed_mps: float
+    speed_sd_mps: float
+
+
+@dataclass(frozen=True)
+class Path:
+    """What the instants are found in: times (N,) in s, radius (N,) and arc (N,) in m of the measured positions with
+    covariances (N, 2, 2), and how far the wheel has turned (N,) in rad; None where that is not known. `push_radius_m`
+    is the radius on which arcs are counted, `step_s` from frame to frame."""
+
+    t_s: FloatArray
+    radius_m: FloatArray
+    arc_m: FloatArray
+    covariance: FloatArray
+    turned_rad: FloatArray | None
+    push_radius_m: float
+    step_s: float
+
+    def near(self, low_s: float, high_s: float) -> "Path":
+        """What of it is from one time to another."""
+        part = slice(int(np.searchsorted(self.t_s, low_s)), int(np.searchsorted(self.t_s, high_s, "right")))
+        turned = None if self.turned_rad is None else self.turned_rad[part]
+        return replace(
+            self, t_s=self.t_s[part], radius_m=self.radius_m[part], arc_m=self.arc_m[part],
+            covariance=self.covariance[part],
+            turned_rad=turned if turned is None or np.isfinite(turned).all() else None,
+        )  # fmt: skip
+
+
+def instant(path: Path, kind: EventKind, guess_s: float, earliest_s: float, latest_s: float) -> Instant | str:
+    """The instant near a guess, between two times that are surely before and after it; or why there is none."""
+    reach_s = max(_REACH_S, _FRAMES_SIDE * path.step_s) + _SEARCH_S / 2
+    search_s = max(_SEARCH_S, _FRAMES_SEARCH * path.step_s)
+    near = path.near(max(guess_s - reach_s, earliest_s), min(guess_s + reach_s, latest_s))
+    if len(near.t_s) < 2 * _LEAST_SIDE + 1:
+        return "too few positions were measured at it"
+    low = max(guess_s - search_s, float(near.t_s[_LEAST_SIDE - 1]))
+    high = min(guess_s + search_s, float(near.t_s[-_LEAST_SIDE]))
+    if high <= low:
+        return "too few positions were measured at it"
+    fit = _Fit(near, kind)
+    times = np.arange(low, high + _COARSE_S, _COARSE_S)
+    worst = fit.misfits(times)
+    best = int(worst.argmin())
+    if best in (0, len(times) - 1):
+        return "nothing in the path tells it from what is around it"
+    times = times[best] + np.arange(-10, 11) * _FINE_S
+    misfits = fit.misfits(times)
+    best = int(misfits.argmin())
+    scale = max(1.0, float(misfits[best]) / max(1, 2 * len(near.t_s) - fit.unknowns))
+    sd_s = fit.spread(float(times[best]), scale)
+    if sd_s is None:
+        return "nothing in the path tells it from what is around it"
+    gap = _gap_at(near.t_s, float(times[best]))
+    if gap > _MOST_MISSING * path.step_s:
+        return f"{round(gap / path.step_s) - 1} frames are missing at it"
+    sd_s = float(np.hypot(sd_s, _MODEL_S))
+    return Instant(float(times[best]), sd_s, *fit.there(float(times[best]), sd_s, scale))
+
+
+def _gap_at(t_s: FloatArray, at_s: float) -> float:
+    k = int(np.searchsorted(t_s, at_s))
+    return float(t_s[min(k, len(t_s) - 1)] - t_s[max(k - 1, 0)])
+
+
+class _Fit:
+    """Weighted least squares of both paths for given instants."""
+
+    def __init__(self, path: Path, kind: EventKind) -> None:
+        self._path, self._kind = path, kind
+        root = np.linalg.inv(np.linalg.cholesky(path.covariance + 1e-10 * np.eye(2)))
+        self._root = root
+        turned = np.zeros_like(path.t_s) if path.turned_rad is None else path.turned_rad * path.push_radius_m
+        self._arc0 = float(np.median(path.arc_m - turned))
+        values = np.stack([path.radius_m - path.push_radius_m, path.arc_m - turned - self._arc0], axis=1)
+        self._values = (root @ values[:, :, None])[:, :, 0].ravel()
+        self._turned = turned
+        speed_mps = abs(float(np.polyfit(path.t_s - path.t_s[0], path.arc_m, 1)[0]))
+        (closing, share), (sd, sd_share) = _CLOSING
+        self._closing = closing + share * speed_mps, sd + sd_share * speed_mps
+        design, self._place, _ = self._design(path.t_s, path.t_s[:1])
+        self.unknowns = design.shape[-1]
+
+    def misfits(self, times: FloatArray) -> FloatArray:
+        """Sums of squares (G,) of the residuals for instants (G,)."""
+        return self._solve(times)[0]
+
+    def spread(self, time_s: float, scale: float) -> float | None:
+        """The standard deviation of the instant, from where the misfit has grown by one; None where it does not."""
+        found = []
+        for sign in (-1.0, 1.0):
+            grown = self._solve(time_s + sign * _AWAY_S)[0]
+            enough = grown - grown[0] >= scale
+            if not enough.any():
+                return None
+            k = int(enough.argmax())
+            share = (scale + grown[0] - grown[k - 1]) / (grown[k] - grown[k - 1])
+            found.append(_AWAY_S[k - 1] + share * (_AWAY_S[k] - _AWAY_S[k - 1]))
+        return float(np.mean(found))
+
+    def there(self, time_s: float, sd_s: float, scale: float) -> tuple[float, float, float, float]:
+        """The wrist's angle and speed at an instant with its standard deviation, each with its own."""
+        times = time_s + np.array([-0.0005, 0.0, 0.0005])
+        _, solution, covariance = self._solve(times)
+        arc, free = self._place, _FREE_RADIUS if self._kind is EventKind.CONTACT else 1
+        turned = np.interp(times, self._path.t_s, self._turned)
+        angle = (self._arc0 + solution[:, arc] + turned) / self._path.push_radius_m
+        rate = np.gradient(self._turned, self._path.t_s)
+        outward = solution[:, free]
+        along = solution[:, arc + free] + np.interp(times, self._path.t_s, rate)
+        speed = np.hypot(outward, along)
+        both = covariance[1][np.ix_([free, arc + free], [free, arc + free])]
+        way = np.array([outward[1], along[1]]) / speed[1]
+        angle_sd = np.sqrt(scale * covariance[1, arc, arc]) / self._path.push_radius_m
+        speed_sd = np.sqrt(scale * way @ both @ way)
+        return (
+            float(angle[1]), float(np.hypot(angle_sd, (angle[2] - angle[0]) / 0.001 * sd_s)),
+            float(speed[1]), float(np.hypot(speed_sd, (speed[2] - speed[0]) / 0.001 * sd_s)),
+        )  # fmt: skip
+
+    def _solve(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Misfits (G,), unknowns (G, P) and their covariances (G, P, P) for instants (G,)."""
+        design, _, prior = self._design(self._path.t_s, times)
+        rows = (self._root @ design).reshape(len(times), -1, design.shape[-1])
+        turned = rows.transpose(0, 2, 1)
+        normal = turned @ rows + np.diag(prior**2 + 1e-9)
+        inverse = np.linalg.inv(normal)
+        right, known = turned @ self._values[:, None], 0.0
+        if self._kind is EventKind.CONTACT:  # radius falls as the hand closes in
+            mean, sd = self._closing
+            right[:, _FREE_RADIUS, 0] -= mean / sd**2
+            known = (mean / sd) ** 2
+        solution = inverse @ right
+        misfit: FloatArray = self._values @ self._values + known - (solution * right).sum(axis=(1, 2))
+        return misfit, solution[:, :, 0], np.asarray(inverse, np.float64)
+
+    def _design(self, t_s: FloatArray, times: FloatArray) -> tuple[FloatArray, int, FloatArray]:
+        """(G, N, 2, P) what radius and arc are made of for instants (G,), the column of the arc at the instant, and 1 /
+        sd of what is known of each unknown beforehand (0: nothing)."""
+        tau = t_s - times[:, None]
+        on = tau >= 0 if self._kind is EventKind.CONTACT else tau <= 0
+        held, free = np.where(on, tau, 0.0), np.where(on, 0.0, tau)
+        one, air, bend = np.ones_like(tau), free, held**2
+        known = self._path.turned_rad is not None
+        slips = 1 / _SLIP_MPS if known else 0.0
+        if self._kind is EventKind.CONTACT:
+            gives = held * np.exp(-held / _SOFT_S)
+            held, free = held - gives, free + gives
+            first, off = [(free, 1 / self._closing[1])], [(air**2, 0.0), (air**3, 0.0)]
+        else:
+            held = tau
+            first, off = [], [(air**2, 0.0), (air**3, 0.0)]
+        radius = [(one, 0.0), (held, 1 / _ROLL_MPS), *first, *off, (bend, 1 / _BEND_MPS2)]
+        first = [(column, 0.0) for column, _ in first]
+        arc = [(one, 0.0), (held, slips), *first, *off, *([] if known else [(bend, 1 / _TURN_MPS2)])]
+        design = np.zeros((*tau.shape, 2, len(radius) + len(arc)))
+        for k, (column, _) in enumerate(radius + arc):
+            design[:, :, 0 if k < len(radius) else 1, k] = column
+        return design, len(radius), np.array([weight for _, weight in radius + arc])

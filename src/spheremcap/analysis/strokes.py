@@ -1,0 +1,297 @@
+"""Strokes of one hand: when it is on the rim, its contacts and releases, and what lies between them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from spheremcap.analysis.events import Instant, Path, instant
+from spheremcap.analysis.rim import AboutAxle, Wheel, about_axle
+from spheremcap.analysis.smoother import Motion
+from spheremcap.core.stroke import EventKind, Stroke, StrokeEvent
+from spheremcap.core.time import NS_PER_S
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+_ON_RIM_M = 0.012
+"""How far from the push's circle a wrist may be while its hand is on the rim."""
+_SLIP = 0.15
+"""How much slower or faster than the rim a hand on it may be, as a share."""
+_FORWARD = 0.3
+"""Of its fastest usual rate about the axle, what a hand has to go forward with to push, where it is not known."""
+_LEAVES_MPS = 0.35
+"""How fast inward or outward a wrist may move while its hand is on the rim."""
+_HOLE_S, _SHORTEST_S, _SHORTEST_RAD = 0.025, 0.030, float(np.radians(20.0))
+"""A push may not be measured for so long within; it lasts so long, and goes so far, at least."""
+_WRISTS_M = (-0.03, 0.09)
+"""How far outward of the rim a wrist on it can be."""
+_RECOVERY_END = 0.1
+_PATTERN_M = 0.025
+"""How far from the push's circle a recovery has to go to be above or below it."""
+
+
+@dataclass(frozen=True)
+class Hand:
+    """One hand's wrist at N times, in the chair's frame.
+
+    `t_s` (N,) counts from `start_ns`. `xyz_m` (N, 3) and `covariance_m2` (N, 3, 3) are the measured positions, NaN
+    where there was none; `motion` is smoothed from them. `turned_rad` (N,) is how far the wheel has turned, None or NaN
+    where that is not known; `frame_s` is from frame to frame.
+    """
+
+    side: str
+    marker: str
+    start_ns: int
+    t_s: FloatArray
+    xyz_m: FloatArray
+    covariance_m2: FloatArray
+    motion: Motion
+    wheel: Wheel
+    turned_rad: FloatArray | None
+    frame_s: float
+
+
+@dataclass(frozen=True)
+class HandStrokes:
+    """What was found of one hand: the wrist about its axle, the push's circle, events and strokes by time, and what
+    could not be had, in a line each."""
+
+    about: AboutAxle
+    push_radius_m: float
+    on_rim: BoolArray
+    events: tuple[StrokeEvent, ...]
+    strokes: tuple[Stroke, ...]
+    notes: tuple[str, ...]
+
+
+def strokes_of(hand: Hand, rim_radius_m: float | None, *, upright: bool = True) -> HandStrokes:
+    """Contacts, releases and strokes of a hand.
+
+    `rim_radius_m` bounds where the push's circle is looked for (None: anywhere). Where nothing says what is `upright`,
+    angles are not given, only how far a push went.
+    """
+    about = about_axle(hand.xyz_m, hand.covariance_m2, hand.wheel)
+    rate = _rate(hand)
+    turning = None if hand.turned_rad is None else np.gradient(hand.turned_rad, hand.t_s)
+    radius = _push_radius(about, rate, turning, rim_radius_m)
+    nothing = np.zeros(len(hand.t_s), np.bool_)
+    if radius is None:
+        return HandStrokes(about, np.nan, nothing, (), (), (f"{hand.side} hand: it never goes along a rim",))
+    on_rim = _on_rim(hand, about, rate, turning, radius)
+    pushes = _pushes(hand, about, on_rim)
+    if turning is None and pushes:
+        on_rim = _on_rim(hand, about, rate, _rim_rate(hand, rate, pushes), radius)
+        pushes = _pushes(hand, about, on_rim)
+    seen = np.isfinite(about.radius_m)
+    path = Path(
+        hand.t_s[seen], about.radius_m[seen], about.angle_rad[seen] * radius,
+        about.covariance[seen] * hand.motion.noise**2,
+        None if hand.turned_rad is None else hand.turned_rad[seen], radius, hand.frame_s,
+    )  # fmt: skip
+    for first, last in pushes:
+        on_rim[first : last + 1] |= True
+    told = [_instants(path, hand.t_s, pushes, k) for k in range(len(pushes))]
+    evidence = "radius and angle" if hand.turned_rad is None else "radius and slip"
+    events, strokes = [], []
+    for number, (contact, release) in enumerate(told):
+        for kind, found in ((EventKind.CONTACT, contact), (EventKind.RELEASE, release)):
+            if isinstance(found, Instant):
+                events.append(_event(hand, kind, number, found, evidence, upright))
+        following = told[number + 1][0] if number + 1 < len(told) else None
+        strokes.append(_stroke(hand, about, radius, number, contact, release, following, pushes, upright))
+    kept = tuple(stroke for stroke in strokes if stroke is not None)
+    notes = tuple(f"{hand.side} hand, stroke {s.stroke}: {s.missing}" for s in kept if s.missing)
+    return HandStrokes(about, radius, on_rim, tuple(events), kept, notes)
+
+
+def _rate(hand: Hand) -> FloatArray:
+    """How fast the wrist goes round its axle, rad/s (N,), from the smoothed motion."""
+    u, v, _ = hand.wheel.axes @ (hand.motion.xyz_m - hand.wheel.hub_m).T
+    du, dv, _ = hand.wheel.axes @ hand.motion.velocity_mps.T
+    rate: FloatArray = (v * du - u * dv) / (u * u + v * v)
+    return rate
+
+
+def _along(rate: FloatArray, turning: FloatArray | None) -> BoolArray:
+    """Where a hand goes round as fast as the rim; where it goes forward well, as far as the rim's rate is not known."""
+    forward = rate > _FORWARD * float(np.percentile(rate, 90))
+    if turning is None:
+        return forward
+    with np.errstate(invalid="ignore"):
+        along = (np.abs(rate - turning) < _SLIP * turning) & forward
+    return np.where(np.isnan(turning), forward, along)
+
+
+def _push_radius(
+    about: AboutAxle, rate: FloatArray, turning: FloatArray | None, rim_radius_m: float | None
+) -> float | None:
+    """The radius that wrists keep to while they go round with the rim: where most of their way is."""
+    fits = _along(rate, turning) & np.isfinite(about.radius_m)
+    if rim_radius_m is not None:
+        low, high = (rim_radius_m + more for more in _WRISTS_M)
+        fits &= (about.radius_m > low) & (about.radius_m < high)
+    if fits.sum() < 10:
+        return None
+    radius, way = about.radius_m[fits], rate[fits]
+    order = np.argsort(radius)
+    radius, way = radius[order], np.concatenate([[0.0], np.cumsum(way[order])])
+    ends = np.searchsorted(radius, radius + _ON_RIM_M, "right")
+    best = int(np.argmax(way[ends] - way[: len(radius)]))
+    return float(np.median(radius[best : ends[best]]))
+
+
+def _on_rim(
+    hand: Hand, about: AboutAxle, rate: FloatArray, turning: FloatArray | None, push_radius_m: float
+) -> BoolArray:
+    """Where the wrist is on the push's circle, goes along it, and neither in nor out."""
+    out = (hand.motion.xyz_m - hand.wheel.hub_m) @ hand.wheel.axes[:2].T
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    way = out @ hand.wheel.axes[:2]
+    leaving = np.abs((way * hand.motion.velocity_mps).sum(axis=1))
+    unsure = 2 * np.sqrt(np.einsum("ni,nij,nj->n", way, hand.motion.velocity_cov, way))
+    with np.errstate(invalid="ignore"):
+        return (
+            (np.abs(about.radius_m - push_radius_m) < _ON_RIM_M)
+            & (leaving < _LEAVES_MPS + np.minimum(unsure, _LEAVES_MPS))
+            & _along(rate, turning)
+        )
+
+
+def _rim_rate(hand: Hand, rate: FloatArray, pushes: list[tuple[int, int]]) -> FloatArray:
+    """The rim's rate where no wheel tells it, rad/s (N,): the hand's own in the middle of its pushes, for a wheel
+    hardly changes its rate within one."""
+    middles = [(first + (last - first) // 4, last - (last - first) // 4) for first, last in pushes]
+    usual = [float(np.median(rate[low : high + 1])) for low, high in middles]
+    rates = np.array([float(np.median(usual[max(0, k - 1) : k + 2])) for k in range(len(usual))])
+    return np.interp(hand.t_s, [hand.t_s[(low + high) // 2] for low, high in middles], rates)
+
+
+def _pushes(hand: Hand, about: AboutAxle, on_rim: BoolArray) -> list[tuple[int, int]]:
+    """First and last frames of the stretches on the rim that are pushes."""
+    index = np.flatnonzero(on_rim)
+    if not len(index):
+        return []
+    off = np.concatenate([[0], np.cumsum(np.isfinite(about.radius_m) & ~on_rim)])
+    cuts = np.flatnonzero((np.diff(hand.t_s[index]) > _HOLE_S + hand.frame_s) | (np.diff(off[index]) > 0)) + 1
+    found = []
+    for run in np.split(index, cuts):
+        first, last = int(run[0]), int(run[-1])
+        lasts = hand.t_s[last] - hand.t_s[first]
+        if lasts >= _SHORTEST_S and about.angle_rad[last] - about.angle_rad[first] >= _SHORTEST_RAD:
+            found.append((first, last))
+    return found
+
+
+def _instants(
+    path: Path, t_s: FloatArray, pushes: list[tuple[int, int]], k: int
+) -> tuple[Instant | str, Instant | str]:
+    """Contact and release of a push."""
+    first, last = (float(t_s[end]) for end in pushes[k])
+    before = float(t_s[pushes[k - 1][1]]) if k > 0 else -np.inf
+    after = float(t_s[pushes[k + 1][0]]) if k + 1 < len(pushes) else np.inf
+    middle = (first + last) / 2
+    contact = instant(path, EventKind.CONTACT, first, before, middle)
+    release = instant(path, EventKind.RELEASE, last, middle, after)
+    return contact, release
+
+
+def _event(hand: Hand, kind: EventKind, stroke: int, found: Instant, evidence: str, upright: bool) -> StrokeEvent:
+    return StrokeEvent(
+        hand.start_ns + round(found.t_s * NS_PER_S), hand.side, hand.marker, kind, stroke, found.sd_s * 1e3,
+        _degrees(found.angle_rad) if upright else None, float(np.degrees(found.angle_sd_rad)) if upright else None,
+        found.speed_mps, found.speed_sd_mps, evidence,
+    )  # fmt: skip
+
+
+def _degrees(angle_rad: float) -> float:
+    """From -90 to 270, so that contacts and releases of racers and others alike do not jump by a turn."""
+    return float((np.degrees(angle_rad) + 90.0) % 360.0 - 90.0)
+
+
+def _stroke(
+    hand: Hand, about: AboutAxle, radius_m: float, number: int, contact: Instant | str, release: Instant | str,
+    following: Instant | str | None, pushes: list[tuple[int, int]], upright: bool,
+) -> Stroke | None:  # fmt: skip
+    missing = [
+        f"{kind}: {found}" for kind, found in (("contact", contact), ("release", release)) if isinstance(found, str)
+    ]
+    starts = contact if isinstance(contact, Instant) else release
+    if not isinstance(starts, Instant):
+        return None
+    stroke = Stroke(
+        hand.start_ns + round(starts.t_s * NS_PER_S), hand.side, hand.marker, number, missing="; ".join(missing)
+    )
+    more: dict[str, float | str | None] = {}
+    if isinstance(contact, Instant):
+        more |= {"contact_mps": contact.speed_mps, "contact_sd_mps": contact.speed_sd_mps}
+        if upright:
+            more |= {
+                "contact_deg": _degrees(contact.angle_rad),
+                "contact_sd_deg": float(np.degrees(contact.angle_sd_rad)),
+            }
+    if isinstance(release, Instant) and upright:
+        more |= {"release_deg": _degrees(release.angle_rad), "release_sd_deg": float(np.degrees(release.angle_sd_rad))}
+    if isinstance(contact, Instant) and isinstance(release, Instant):
+        more |= {
+            "push_s": release.t_s - contact.t_s,
+            "push_sd_s": float(np.hypot(contact.sd_s, release.sd_s)),
+            "push_deg": float(np.degrees(release.angle_rad - contact.angle_rad)),
+            "push_sd_deg": float(np.degrees(np.hypot(contact.angle_sd_rad, release.angle_sd_rad))),
+            "wheel_rad_s": _wheel_rate(hand, contact.t_s, release.t_s),
+        }
+    end = following if isinstance(following, Instant) else None
+    if end is not None and isinstance(release, Instant):
+        part = slice(int(np.searchsorted(hand.t_s, release.t_s)), int(np.searchsorted(hand.t_s, end.t_s)))
+        late = slice(int(np.searchsorted(hand.t_s, end.t_s - _RECOVERY_END * (end.t_s - release.t_s))), part.stop)
+        speed, sd = _mean_speed(hand, late)
+        more |= {
+            "recovery_s": end.t_s - release.t_s,
+            "recovery_sd_s": float(np.hypot(end.sd_s, release.sd_s)),
+            "recovery_end_mps": speed,
+            "recovery_end_sd_mps": sd,
+            "pattern": _pattern(about, radius_m, part),
+        }
+    if end is not None and isinstance(contact, Instant):
+        cycle, sd = end.t_s - contact.t_s, float(np.hypot(end.sd_s, contact.sd_s))
+        more |= {"cycle_s": cycle, "cycle_sd_s": sd, "frequency_hz": 1 / cycle, "frequency_sd_hz": sd / cycle**2}
+    last = end.t_s if end is not None else float(hand.t_s[pushes[number][1]])
+    part = slice(int(np.searchsorted(hand.t_s, starts.t_s)), int(np.searchsorted(hand.t_s, last)))
+    seen = np.isfinite(hand.xyz_m[part, 0])
+    return replace(stroke, **more, measured=float(seen.mean()) if len(seen) else 0.0)  # type: ignore[arg-type]
+
+
+def _wheel_rate(hand: Hand, start_s: float, end_s: float) -> float | None:
+    """In the mean between two times, rad/s."""
+    if hand.turned_rad is None:
+        return None
+    ends = np.interp([start_s, end_s], hand.t_s, hand.turned_rad)
+    rate = float(ends[1] - ends[0]) / (end_s - start_s)
+    return rate if np.isfinite(rate) else None
+
+
+def _mean_speed(hand: Hand, part: slice) -> tuple[float | None, float | None]:
+    """In the mean over measured frames; the sd is that of one frame, for neighbours err alike."""
+    seen = np.isfinite(hand.xyz_m[part, 0])
+    if seen.sum() < 2:
+        return None, None
+    velocity = hand.motion.velocity_mps[part][seen]
+    speed = np.linalg.norm(velocity, axis=1)
+    way = velocity / speed[:, None]
+    variance = np.einsum("ni,nij,nj->n", way, hand.motion.velocity_cov[part][seen], way)
+    return float(speed.mean()), float(np.sqrt(variance.mean()))
+
+
+def _pattern(about: AboutAxle, radius_m: float, part: slice) -> str:
+    """The recovery's path class (Boninger et al. 2002 for daily chairs): along the rim, below it, above it, or both;
+    and around the axle, as racers go. "" where too little of it was seen."""
+    radius, angle = about.radius_m[part], about.angle_rad[part]
+    seen = np.isfinite(radius)
+    if seen.sum() < 5 or seen.mean() < 0.7:
+        return ""
+    if float(angle[seen][-1] - angle[seen][0]) > np.pi / 2:
+        return "around"
+    above, below = radius[seen].max() - radius_m > _PATTERN_M, radius_m - radius[seen].min() > _PATTERN_M
+    return {(False, False): "arc", (False, True): "semicircular", (True, False): "single loop"}.get(
+        (bool(above), bool(below)), "double loop"
+    )
