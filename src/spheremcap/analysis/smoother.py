@@ -8,6 +8,7 @@ likeliest.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,16 +30,45 @@ _UNIT_S = 1 / 200
 _PER_UNIT = _UNIT_S ** np.arange(4.0)
 _START_SD = np.array([1.0, 10.0, 300.0, 2e4]) * _PER_UNIT
 """Standard deviations before anything is known: 1 m, 10 m/s, 300 m/s^2, 20,000 m/s^3."""
+_FEWEST = 4
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True)
-class Motion:
-    """A marker's motion at N times: (N, 3) each, metres and seconds, and the covariances (N, 3, 3) of each.
+class JointTrack:
+    """A marker over N frames, in the chair's frame, or the camera's where there is no chair.
 
-    The frame is that of the measurements. `density` is q in m^2/s^7, `noise` the factor on the measurements' stated
-    standard deviations.
+    `stamp_s` (N,) are the frames' times and `t_s` (N,) when the marker was seen on each, both rising, from a common
+    start. `xyz_m` (N, 3) is where it was measured, NaN where it was not, `packed` (N, 6) the covariance (xx, xy, xz,
+    yy, yz, zz), both float32.
     """
+
+    marker: str
+    stamp_s: FloatArray
+    t_s: FloatArray
+    xyz_m: npt.NDArray[np.float32]
+    packed: npt.NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    @property
+    def measured(self) -> npt.NDArray[np.bool_]:
+        """(N,) where there is a position."""
+        return np.isfinite(self.xyz_m[:, 0])
+
+    def covariance(self, part: slice = slice(None)) -> FloatArray:
+        """(M, 3, 3) of a part's positions, m^2."""
+        packed = self.packed[part]
+        out = np.empty((len(packed), 3, 3))
+        for k, (i, j) in enumerate(_PAIRS):
+            out[:, i, j] = out[:, j, i] = packed[:, k]
+        return out
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A marker's motion on M frames: (M, 3) each, metres and seconds, and the covariances (M, 3, 3) of each."""
 
     xyz_m: FloatArray
     velocity_mps: FloatArray
@@ -48,39 +78,68 @@ class Motion:
     velocity_cov: FloatArray
     acceleration_cov: FloatArray
     jerk_cov: FloatArray
-    density: float
-    noise: float
 
 
-def smoothed(t_s: FloatArray, xyz_m: FloatArray, covariance_m2: FloatArray, at: FloatArray | None = None) -> Motion:
-    """The motion at every one of the rising times (N,), of which those with a NaN position (N, 3) were not measured.
+class Smoother:
+    """The motion of a track, worked out where it is asked for.
 
-    `covariance_m2` is (N, 3, 3). `at` (N,) moves each estimate to a time near its own, as from a row of the picture to
-    the frame's stamp. Raises ValueError where fewer than four positions are measured.
+    `density` is q in m^2/s^7, `noise` the factor on the measurements' stated standard deviations. Raises ValueError
+    where fewer than four positions are measured.
     """
-    seen: npt.NDArray[np.bool_] = np.isfinite(xyz_m).all(axis=1) & np.isfinite(covariance_m2).all(axis=(1, 2))
-    if seen.sum() < 4:
-        raise ValueError(f"{int(seen.sum())} measured positions are too few to smooth")
-    whiten = _whitened(covariance_m2, seen)
-    t, count = (t_s - t_s[0]) / _UNIT_S, len(t_s)
-    density, noise = _learnt(t, xyz_m, whiten, seen)
-    states, spreads = np.empty((count, 12)), np.empty((count, 24))
-    moved = np.zeros(count) if at is None else (at - t_s) / _UNIT_S
-    for start in range(0, count, _BLOCK):
-        low, high = max(0, start - _LAP), min(count, start + _BLOCK + _LAP)
-        part = slice(low, high)
-        own = slice(start - low, min(start + _BLOCK, count) - low)
-        out, spread = _smooth(
-            np.ascontiguousarray(t[part]), np.ascontiguousarray(xyz_m[part]), whiten[part] / noise,
-            seen[part].astype(np.float64), density * _UNIT_S**7, np.ascontiguousarray(moved[part]), _START_SD,
-        )  # fmt: skip
-        states[start : start + _BLOCK], spreads[start : start + _BLOCK] = out[own], spread[own]
-    full = np.empty((4, count, 3, 3))
-    for k, (i, j) in enumerate(_PAIRS):
-        for order in range(4):
-            full[order, :, i, j] = full[order, :, j, i] = spreads[:, 6 * order + k] / _PER_UNIT[order] ** 2
-    position, velocity, acceleration, jerk = (states[:, 3 * k : 3 * k + 3] / _PER_UNIT[k] for k in range(4))
-    return Motion(position, velocity, acceleration, jerk, full[0], full[1], full[2], full[3], density, noise)
+
+    def __init__(self, track: JointTrack) -> None:
+        self.track = track
+        if track.measured.sum() < _FEWEST:
+            raise ValueError(f"{track.marker}: {int(track.measured.sum())} measured positions are too few")
+        self.density, self.noise = self._learnt()
+
+    def blocks(self) -> Iterator[tuple[slice, Motion]]:
+        """The whole track's motion, some seconds at a time."""
+        for start in range(0, len(self.track), _BLOCK):
+            part = slice(start, min(start + _BLOCK, len(self.track)))
+            yield part, self.motion(part)
+
+    def motion(self, part: slice) -> Motion:
+        """The motion at the stamps of some frames."""
+        low, high = max(0, part.start - _LAP), min(len(self.track), part.stop + _LAP)
+        t, xyz, whiten, seen = self._given(slice(low, high))
+        moved = (self.track.stamp_s[low:high] - self.track.t_s[low:high]) / _UNIT_S
+        states, spreads = _smooth(t, xyz, whiten / self.noise, seen, self.density * _UNIT_S**7, moved, _START_SD)
+        own = slice(part.start - low, part.stop - low)
+        states, spreads = states[own], spreads[own]
+        full = np.empty((4, len(states), 3, 3))
+        for k, (i, j) in enumerate(_PAIRS):
+            for order in range(4):
+                full[order, :, i, j] = full[order, :, j, i] = spreads[:, 6 * order + k] / _PER_UNIT[order] ** 2
+        position, velocity, acceleration, jerk = (states[:, 3 * k : 3 * k + 3] / _PER_UNIT[k] for k in range(4))
+        return Motion(position, velocity, acceleration, jerk, full[0], full[1], full[2], full[3])
+
+    def _given(self, part: slice) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Times in units, positions, what whitens them and whether they are there, of a part."""
+        track = self.track
+        seen = track.measured[part]
+        whiten = _whitened(track.covariance(part), seen)
+        t = np.ascontiguousarray(track.t_s[part] - track.t_s[part.start]) / _UNIT_S
+        return t, np.ascontiguousarray(track.xyz_m[part], np.float64), whiten, seen.astype(np.float64)
+
+    def _learnt(self) -> tuple[float, float]:
+        """q and noise that make the best measured stretch of `_LEARN` samples the likeliest."""
+        counts = np.concatenate([[0], np.cumsum(self.track.measured)])
+        length = min(_LEARN, len(self.track))
+        first = int(np.argmax(counts[length:] - counts[:-length]))
+        t, xyz, whiten, seen = self._given(slice(first, first + length))
+        found = np.array(
+            [
+                [_likelihood(t, xyz, whiten / noise, seen, density * _UNIT_S**7, _START_SD) for noise in _NOISES]
+                for density in _DENSITIES
+            ]
+        )
+        # Between the points of the grid, a parabola in the logarithms
+        i, j = np.unravel_index(int(found.argmax()), found.shape)
+        return (
+            float(np.exp(_peak(np.log(_DENSITIES), found[:, j], int(i)))),
+            float(np.exp(_peak(np.log(_NOISES), found[i], int(j)))),
+        )
 
 
 def _whitened(covariance_m2: FloatArray, seen: npt.NDArray[np.bool_]) -> FloatArray:
@@ -88,27 +147,6 @@ def _whitened(covariance_m2: FloatArray, seen: npt.NDArray[np.bool_]) -> FloatAr
     filled = np.where(seen[:, None, None], covariance_m2, np.eye(3))
     filled = filled + 1e-12 * np.eye(3)
     return np.ascontiguousarray(np.linalg.inv(np.linalg.cholesky(filled)))
-
-
-def _learnt(t: FloatArray, xyz_m: FloatArray, whiten: FloatArray, seen: npt.NDArray[np.bool_]) -> tuple[float, float]:
-    """q and noise that make the best measured stretch of `_LEARN` samples the likeliest."""
-    counts = np.concatenate([[0], np.cumsum(seen)])
-    length = min(_LEARN, len(t))
-    first = int(np.argmax(counts[length:] - counts[:-length])) if len(t) > length else 0
-    part = slice(first, first + length)
-    times, xyz, known = np.ascontiguousarray(t[part]), np.ascontiguousarray(xyz_m[part]), seen[part].astype(np.float64)
-    found = np.array(
-        [
-            [_likelihood(times, xyz, whiten[part] / noise, known, density * _UNIT_S**7, _START_SD) for noise in _NOISES]
-            for density in _DENSITIES
-        ]
-    )
-    # Between the points of the grid, a parabola in the logarithms
-    i, j = np.unravel_index(int(found.argmax()), found.shape)
-    return (
-        float(np.exp(_peak(np.log(_DENSITIES), found[:, j], int(i)))),
-        float(np.exp(_peak(np.log(_NOISES), found[i], int(j)))),
-    )
 
 
 def _peak(x: FloatArray, y: FloatArray, k: int) -> float:

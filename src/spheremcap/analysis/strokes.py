@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from spheremcap.analysis.events import Instant, Path, instant
 from spheremcap.analysis.rim import AboutAxle, Wheel, about_axle
-from spheremcap.analysis.smoother import Motion
+from spheremcap.analysis.smoother import Smoother
 from spheremcap.core.stroke import EventKind, Stroke, StrokeEvent
 from spheremcap.core.time import NS_PER_S
 
@@ -33,23 +33,33 @@ _PATTERN_M = 0.025
 
 @dataclass(frozen=True)
 class Hand:
-    """One hand's wrist at N times, in the chair's frame.
+    """One hand: its wrist's track of N frames in the chair's frame, whose times count from `start_ns`, and the wheel.
 
-    `t_s` (N,) counts from `start_ns`. `xyz_m` (N, 3) and `covariance_m2` (N, 3, 3) are the measured positions, NaN
-    where there was none; `motion` is smoothed from them. `turned_rad` (N,) is how far the wheel has turned, None or NaN
-    where that is not known; `frame_s` is from frame to frame.
+    `turned_rad` (N,) is how far the wheel has turned when the wrist was seen, None or NaN where that is not known;
+    `frame_s` is from frame to frame. `hub_sd_m` and `tilt_sd_rad` say how well the axle's place and what is upright are
+    known: they go into angles (None: nothing says what is upright, and there are no angles but a push's own).
     """
 
     side: str
-    marker: str
     start_ns: int
-    t_s: FloatArray
-    xyz_m: FloatArray
-    covariance_m2: FloatArray
-    motion: Motion
+    smoother: Smoother
     wheel: Wheel
     turned_rad: FloatArray | None
     frame_s: float
+    hub_sd_m: float = 0.0
+    tilt_sd_rad: float | None = 0.0
+
+    @property
+    def marker(self) -> str:
+        return self.smoother.track.marker
+
+    @property
+    def t_s(self) -> FloatArray:
+        return self.smoother.track.t_s
+
+    def angle_sd_deg(self, sd_rad: float, radius_m: float) -> float:
+        """Of an angle from straight up, with what the chair's frame adds."""
+        return float(np.degrees(np.sqrt(sd_rad**2 + (self.tilt_sd_rad or 0.0) ** 2 + (self.hub_sd_m / radius_m) ** 2)))
 
 
 @dataclass(frozen=True)
@@ -65,52 +75,54 @@ class HandStrokes:
     notes: tuple[str, ...]
 
 
-def strokes_of(hand: Hand, rim_radius_m: float | None, *, upright: bool = True) -> HandStrokes:
-    """Contacts, releases and strokes of a hand.
-
-    `rim_radius_m` bounds where the push's circle is looked for (None: anywhere). Where nothing says what is `upright`,
-    angles are not given, only how far a push went.
-    """
-    about = about_axle(hand.xyz_m, hand.covariance_m2, hand.wheel)
-    rate = _rate(hand)
+def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
+    """Contacts, releases and strokes of a hand; `rim_radius_m` bounds where the push's circle is looked for."""
+    track, noise = hand.smoother.track, hand.smoother.noise
+    about = about_axle(track.xyz_m.astype(np.float64), track.covariance(), hand.wheel)
+    rate, leaving = _going(hand)
     turning = None if hand.turned_rad is None else np.gradient(hand.turned_rad, hand.t_s)
     radius = _push_radius(about, rate, turning, rim_radius_m)
-    nothing = np.zeros(len(hand.t_s), np.bool_)
     if radius is None:
+        nothing = np.zeros(len(track), np.bool_)
         return HandStrokes(about, np.nan, nothing, (), (), (f"{hand.side} hand: it never goes along a rim",))
-    on_rim = _on_rim(hand, about, rate, turning, radius)
-    pushes = _pushes(hand, about, on_rim)
+    near = (np.abs(np.nan_to_num(about.radius_m, nan=np.inf) - radius) < _ON_RIM_M) & ~leaving
+    pushes = _pushes(hand, about, near & _along(rate, turning))
     if turning is None and pushes:
-        on_rim = _on_rim(hand, about, rate, _rim_rate(hand, rate, pushes), radius)
-        pushes = _pushes(hand, about, on_rim)
+        pushes = _pushes(hand, about, near & _along(rate, _rim_rate(hand, rate, pushes)))
     seen = np.isfinite(about.radius_m)
     path = Path(
-        hand.t_s[seen], about.radius_m[seen], about.angle_rad[seen] * radius,
-        about.covariance[seen] * hand.motion.noise**2,
+        hand.t_s[seen], about.radius_m[seen], about.angle_rad[seen] * radius, about.covariance[seen] * noise**2,
         None if hand.turned_rad is None else hand.turned_rad[seen], radius, hand.frame_s,
     )  # fmt: skip
+    on_rim = np.zeros(len(track), np.bool_)
     for first, last in pushes:
-        on_rim[first : last + 1] |= True
+        on_rim[first : last + 1] = True
     told = [_instants(path, hand.t_s, pushes, k) for k in range(len(pushes))]
-    evidence = "radius and angle" if hand.turned_rad is None else "radius and slip"
     events, strokes = [], []
     for number, (contact, release) in enumerate(told):
         for kind, found in ((EventKind.CONTACT, contact), (EventKind.RELEASE, release)):
             if isinstance(found, Instant):
-                events.append(_event(hand, kind, number, found, evidence, upright))
+                events.append(_event(hand, kind, number, found, radius))
         following = told[number + 1][0] if number + 1 < len(told) else None
-        strokes.append(_stroke(hand, about, radius, number, contact, release, following, pushes, upright))
+        strokes.append(_stroke(hand, about, radius, number, contact, release, following, pushes))
     kept = tuple(stroke for stroke in strokes if stroke is not None)
     notes = tuple(f"{hand.side} hand, stroke {s.stroke}: {s.missing}" for s in kept if s.missing)
     return HandStrokes(about, radius, on_rim, tuple(events), kept, notes)
 
 
-def _rate(hand: Hand) -> FloatArray:
-    """How fast the wrist goes round its axle, rad/s (N,), from the smoothed motion."""
-    u, v, _ = hand.wheel.axes @ (hand.motion.xyz_m - hand.wheel.hub_m).T
-    du, dv, _ = hand.wheel.axes @ hand.motion.velocity_mps.T
-    rate: FloatArray = (v * du - u * dv) / (u * u + v * v)
-    return rate
+def _going(hand: Hand) -> tuple[FloatArray, BoolArray]:
+    """How fast the wrist goes round its axle, rad/s (N,), and where it surely goes in or out (N,), from the smoothed
+    motion."""
+    rate, leaving = np.empty(len(hand.t_s)), np.empty(len(hand.t_s), np.bool_)
+    for part, motion in hand.smoother.blocks():
+        u, v, _ = hand.wheel.axes @ (motion.xyz_m - hand.wheel.hub_m).T
+        du, dv, _ = hand.wheel.axes @ motion.velocity_mps.T
+        rate[part] = (v * du - u * dv) / (u * u + v * v)
+        far = np.hypot(u, v)
+        way = np.stack([u / far, v / far], axis=1) @ hand.wheel.axes[:2]
+        unsure = 2 * np.sqrt(np.einsum("ni,nij,nj->n", way, motion.velocity_cov, way))
+        leaving[part] = np.abs((u * du + v * dv) / far) > _LEAVES_MPS + np.minimum(unsure, _LEAVES_MPS)
+    return rate, leaving
 
 
 def _along(rate: FloatArray, turning: FloatArray | None) -> BoolArray:
@@ -139,23 +151,6 @@ def _push_radius(
     ends = np.searchsorted(radius, radius + _ON_RIM_M, "right")
     best = int(np.argmax(way[ends] - way[: len(radius)]))
     return float(np.median(radius[best : ends[best]]))
-
-
-def _on_rim(
-    hand: Hand, about: AboutAxle, rate: FloatArray, turning: FloatArray | None, push_radius_m: float
-) -> BoolArray:
-    """Where the wrist is on the push's circle, goes along it, and neither in nor out."""
-    out = (hand.motion.xyz_m - hand.wheel.hub_m) @ hand.wheel.axes[:2].T
-    out /= np.linalg.norm(out, axis=1, keepdims=True)
-    way = out @ hand.wheel.axes[:2]
-    leaving = np.abs((way * hand.motion.velocity_mps).sum(axis=1))
-    unsure = 2 * np.sqrt(np.einsum("ni,nij,nj->n", way, hand.motion.velocity_cov, way))
-    with np.errstate(invalid="ignore"):
-        return (
-            (np.abs(about.radius_m - push_radius_m) < _ON_RIM_M)
-            & (leaving < _LEAVES_MPS + np.minimum(unsure, _LEAVES_MPS))
-            & _along(rate, turning)
-        )
 
 
 def _rim_rate(hand: Hand, rate: FloatArray, pushes: list[tuple[int, int]]) -> FloatArray:
@@ -196,11 +191,14 @@ def _instants(
     return contact, release
 
 
-def _event(hand: Hand, kind: EventKind, stroke: int, found: Instant, evidence: str, upright: bool) -> StrokeEvent:
+def _event(hand: Hand, kind: EventKind, stroke: int, found: Instant, radius_m: float) -> StrokeEvent:
+    upright = hand.tilt_sd_rad is not None
     return StrokeEvent(
         hand.start_ns + round(found.t_s * NS_PER_S), hand.side, hand.marker, kind, stroke, found.sd_s * 1e3,
-        _degrees(found.angle_rad) if upright else None, float(np.degrees(found.angle_sd_rad)) if upright else None,
-        found.speed_mps, found.speed_sd_mps, evidence,
+        _degrees(found.angle_rad) if upright else None,
+        hand.angle_sd_deg(found.angle_sd_rad, radius_m) if upright else None,
+        found.speed_mps, found.speed_sd_mps,
+        "radius and angle" if hand.turned_rad is None else "radius and slip",
     )  # fmt: skip
 
 
@@ -211,7 +209,7 @@ def _degrees(angle_rad: float) -> float:
 
 def _stroke(
     hand: Hand, about: AboutAxle, radius_m: float, number: int, contact: Instant | str, release: Instant | str,
-    following: Instant | str | None, pushes: list[tuple[int, int]], upright: bool,
+    following: Instant | str | None, pushes: list[tuple[int, int]],
 ) -> Stroke | None:  # fmt: skip
     missing = [
         f"{kind}: {found}" for kind, found in (("contact", contact), ("release", release)) if isinstance(found, str)
@@ -223,15 +221,19 @@ def _stroke(
         hand.start_ns + round(starts.t_s * NS_PER_S), hand.side, hand.marker, number, missing="; ".join(missing)
     )
     more: dict[str, float | str | None] = {}
+    upright = hand.tilt_sd_rad is not None
     if isinstance(contact, Instant):
         more |= {"contact_mps": contact.speed_mps, "contact_sd_mps": contact.speed_sd_mps}
         if upright:
             more |= {
                 "contact_deg": _degrees(contact.angle_rad),
-                "contact_sd_deg": float(np.degrees(contact.angle_sd_rad)),
+                "contact_sd_deg": hand.angle_sd_deg(contact.angle_sd_rad, radius_m),
             }
     if isinstance(release, Instant) and upright:
-        more |= {"release_deg": _degrees(release.angle_rad), "release_sd_deg": float(np.degrees(release.angle_sd_rad))}
+        more |= {
+            "release_deg": _degrees(release.angle_rad),
+            "release_sd_deg": hand.angle_sd_deg(release.angle_sd_rad, radius_m),
+        }
     if isinstance(contact, Instant) and isinstance(release, Instant):
         more |= {
             "push_s": release.t_s - contact.t_s,
@@ -257,7 +259,7 @@ def _stroke(
         more |= {"cycle_s": cycle, "cycle_sd_s": sd, "frequency_hz": 1 / cycle, "frequency_sd_hz": sd / cycle**2}
     last = end.t_s if end is not None else float(hand.t_s[pushes[number][1]])
     part = slice(int(np.searchsorted(hand.t_s, starts.t_s)), int(np.searchsorted(hand.t_s, last)))
-    seen = np.isfinite(hand.xyz_m[part, 0])
+    seen = hand.smoother.track.measured[part]
     return replace(stroke, **more, measured=float(seen.mean()) if len(seen) else 0.0)  # type: ignore[arg-type]
 
 
@@ -272,13 +274,14 @@ def _wheel_rate(hand: Hand, start_s: float, end_s: float) -> float | None:
 
 def _mean_speed(hand: Hand, part: slice) -> tuple[float | None, float | None]:
     """In the mean over measured frames; the sd is that of one frame, for neighbours err alike."""
-    seen = np.isfinite(hand.xyz_m[part, 0])
+    seen = hand.smoother.track.measured[part]
     if seen.sum() < 2:
         return None, None
-    velocity = hand.motion.velocity_mps[part][seen]
+    motion = hand.smoother.motion(part)
+    velocity = motion.velocity_mps[seen]
     speed = np.linalg.norm(velocity, axis=1)
     way = velocity / speed[:, None]
-    variance = np.einsum("ni,nij,nj->n", way, hand.motion.velocity_cov[part][seen], way)
+    variance = np.einsum("ni,nij,nj->n", way, motion.velocity_cov[seen], way)
     return float(speed.mean()), float(np.sqrt(variance.mean()))
 
 
