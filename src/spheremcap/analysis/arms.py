@@ -14,9 +14,6 @@ from spheremcap.analysis.smoother import Motion
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-_DRIFT_S = 5.0
-"""A length's slow changes are told from windows of so long."""
-
 
 @dataclass(frozen=True)
 class Joint:
@@ -41,27 +38,6 @@ class Values:
         """Of those that are there."""
         sd = np.sqrt(np.maximum(variance, 0.0))
         return Values(np.where(there, value, np.nan), np.where(there, sd, np.nan))
-
-
-@dataclass(frozen=True)
-class SegmentLength:
-    """The distance of two markers on one part of the body, over all frames with both.
-
-    `median_m`; `spread` is its robust standard deviation over the frames and `noise` what the positions' own would make
-    of it, both as shares of the length; `drift` the largest departure of a five seconds' median. None: too few frames.
-    """
-
-    segment: str
-    frames: int
-    median_m: float | None
-    spread: float | None
-    noise: float | None
-    drift: float | None
-
-    @property
-    def constant(self) -> bool:
-        """Whether the length is, within what its noise and 1 % for skin allow."""
-        return self.spread is None or self.noise is None or self.spread <= 2 * self.noise + 0.01
 
 
 def distance(a: Joint, b: Joint) -> Values:
@@ -119,21 +95,6 @@ def size_of(vectors: FloatArray, covariance: FloatArray, there: BoolArray) -> Va
     """Of vectors (N, 3) with covariances (N, 3, 3)."""
     size = np.linalg.norm(vectors, axis=1)
     return Values.of(size, _spread(vectors / np.maximum(size, 1e-12)[:, None], covariance), there)
-
-
-def segment_length(segment: str, t_s: FloatArray, a: Joint, b: Joint) -> SegmentLength:
-    """What the distance of two markers is on all frames on which both were measured."""
-    both, apart = a.measured & b.measured, distance(a, b)
-    there = both & np.isfinite(apart.value)
-    if there.sum() < 10:
-        return SegmentLength(segment, int(there.sum()), None, None, None, None)
-    length, t = apart.value[there], t_s[there]
-    median = float(np.median(length))
-    spread = 1.4826 * float(np.median(np.abs(length - median))) / median
-    window = ((t - t[0]) // _DRIFT_S).astype(int)
-    medians = [float(np.median(length[window == k])) for k in np.unique(window) if (window == k).sum() >= 10]
-    drift = max((abs(m - median) for m in medians), default=0.0) / median
-    return SegmentLength(segment, int(there.sum()), median, spread, float(np.median(apart.sd[there])) / median, drift)
 
 
 def _middle(pair: tuple[Joint, Joint]) -> FloatArray:

@@ -90,6 +90,14 @@ class Known:
     front_xyz_chair_m: tuple[float, float, float] | None = None
     circles: dict[str, PushCircle] = field(default_factory=dict)
 
+    def roughly(self) -> FloatArray:
+        """The chair's axes from the camera's (3, 3), of a camera that is straight and looks down as told."""
+        down = self.down_rad[0] if self.down_rad else float(np.radians(_USUAL_DOWN_DEG[0]))
+        back = _looks_back(self)
+        turn = Rotation.from_rotvec([0.0, -down if back else down, 0.0]).as_matrix()
+        out: FloatArray = turn @ _straight(back)
+        return out
+
     def told_by(self) -> tuple[str, ...]:
         """What there is, in words."""
         words = {
@@ -143,9 +151,8 @@ class _Fit:
     def _start(self) -> FloatArray:
         """A camera that is straight and looks down as told, where the circles or clicks are about the axle."""
         known = self.known
-        down = known.down_rad[0] if known.down_rad else float(np.radians(_USUAL_DOWN_DEG[0]))
-        turn = np.array([0.0, -down if _looks_back(known) else down, 0.0])
-        rotation = Rotation.from_rotvec(turn).as_matrix() @ self._base
+        rotation = known.roughly()
+        turn = Rotation.from_matrix(rotation @ self._base.T).as_rotvec()
         half = known.half_track_m[0] if known.half_track_m else _USUAL_HALF_TRACK_M[0]
         places = []
         for side, circle in known.circles.items():

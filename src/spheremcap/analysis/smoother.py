@@ -8,7 +8,6 @@ likeliest.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +17,8 @@ from spheremcap.core.compiled import F8, array, inner, kernel
 
 FloatArray = npt.NDArray[np.float64]
 
-_BLOCK, _LAP = 4096, 160
-"""Samples that are smoothed at a time, and how many more on either side: what is farther away than a second says
-nothing."""
+_LAP = 160
+"""Samples on either side of those that are asked for: what is farther away says nothing of them."""
 _DENSITIES = np.geomspace(1e4, 1e13, 10)
 _NOISES = np.array([0.5, 1.0, 2.0, 4.0])
 _LEARN = 2400
@@ -31,7 +29,8 @@ _PER_UNIT = _UNIT_S ** np.arange(4.0)
 _START_SD = np.array([1.0, 10.0, 300.0, 2e4]) * _PER_UNIT
 """Standard deviations before anything is known: 1 m, 10 m/s, 300 m/s^2, 20,000 m/s^3."""
 _FEWEST = 4
-_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""The elements that a symmetric 3 x 3 matrix is told by, in the order of packed ones."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class JointTrack:
         """(M, 3, 3) of a part's positions, m^2."""
         packed = self.packed[part]
         out = np.empty((len(packed), 3, 3))
-        for k, (i, j) in enumerate(_PAIRS):
+        for k, (i, j) in enumerate(PAIRS):
             out[:, i, j] = out[:, j, i] = packed[:, k]
         return out
 
@@ -93,12 +92,6 @@ class Smoother:
             raise ValueError(f"{track.marker}: {int(track.measured.sum())} measured positions are too few")
         self.density, self.noise = self._learnt()
 
-    def blocks(self) -> Iterator[tuple[slice, Motion]]:
-        """The whole track's motion, some seconds at a time."""
-        for start in range(0, len(self.track), _BLOCK):
-            part = slice(start, min(start + _BLOCK, len(self.track)))
-            yield part, self.motion(part)
-
     def motion(self, part: slice) -> Motion:
         """The motion at the stamps of some frames."""
         low, high = max(0, part.start - _LAP), min(len(self.track), part.stop + _LAP)
@@ -108,7 +101,7 @@ class Smoother:
         own = slice(part.start - low, part.stop - low)
         states, spreads = states[own], spreads[own]
         full = np.empty((4, len(states), 3, 3))
-        for k, (i, j) in enumerate(_PAIRS):
+        for k, (i, j) in enumerate(PAIRS):
             for order in range(4):
                 full[order, :, i, j] = full[order, :, j, i] = spreads[:, 6 * order + k] / _PER_UNIT[order] ** 2
         position, velocity, acceleration, jerk = (states[:, 3 * k : 3 * k + 3] / _PER_UNIT[k] for k in range(4))

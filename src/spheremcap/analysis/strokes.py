@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from spheremcap.analysis.curves import ArmCurves
 from spheremcap.analysis.events import Instant, Path, instant
 from spheremcap.analysis.rim import AboutAxle, Wheel, about_axle
-from spheremcap.analysis.smoother import Smoother
+from spheremcap.analysis.smoother import JointTrack
 from spheremcap.core.stroke import EventKind, Stroke, StrokeEvent
 from spheremcap.core.time import NS_PER_S
 
@@ -33,7 +34,8 @@ _PATTERN_M = 0.025
 
 @dataclass(frozen=True)
 class Hand:
-    """One hand: its wrist's track of N frames in the chair's frame, whose times count from `start_ns`, and the wheel.
+    """One hand: its wrist's track of N frames in the chair's frame, whose times count from `start_ns`, by how much it
+    is noisier than it says, its smoothed curves, and the wheel.
 
     `turned_rad` (N,) is how far the wheel has turned when the wrist was seen, None or NaN where that is not known;
     `frame_s` is from frame to frame. `hub_sd_m` and `tilt_sd_rad` say how well the axle's place and what is upright are
@@ -42,7 +44,9 @@ class Hand:
 
     side: str
     start_ns: int
-    smoother: Smoother
+    track: JointTrack
+    noise: float
+    curves: ArmCurves
     wheel: Wheel
     turned_rad: FloatArray | None
     frame_s: float
@@ -51,11 +55,11 @@ class Hand:
 
     @property
     def marker(self) -> str:
-        return self.smoother.track.marker
+        return self.track.marker
 
     @property
     def t_s(self) -> FloatArray:
-        return self.smoother.track.t_s
+        return self.track.t_s
 
     def angle_sd_deg(self, sd_rad: float, radius_m: float) -> float:
         """Of an angle from straight up, with what the chair's frame adds."""
@@ -77,7 +81,7 @@ class HandStrokes:
 
 def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
     """Contacts, releases and strokes of a hand; `rim_radius_m` bounds where the push's circle is looked for."""
-    track, noise = hand.smoother.track, hand.smoother.noise
+    track, noise = hand.track, hand.noise
     about = about_axle(track.xyz_m.astype(np.float64), track.covariance(), hand.wheel)
     rate, leaving = _going(hand)
     turning = None if hand.turned_rad is None else np.gradient(hand.turned_rad, hand.t_s)
@@ -112,22 +116,18 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
 
 def _going(hand: Hand) -> tuple[FloatArray, BoolArray]:
     """How fast the wrist goes round its axle, rad/s (N,), and where it surely goes in or out (N,), from the smoothed
-    motion."""
-    rate, leaving = np.empty(len(hand.t_s)), np.empty(len(hand.t_s), np.bool_)
-    for part, motion in hand.smoother.blocks():
-        u, v, _ = hand.wheel.axes @ (motion.xyz_m - hand.wheel.hub_m).T
-        du, dv, _ = hand.wheel.axes @ motion.velocity_mps.T
-        rate[part] = (v * du - u * dv) / (u * u + v * v)
-        far = np.hypot(u, v)
-        way = np.stack([u / far, v / far], axis=1) @ hand.wheel.axes[:2]
-        unsure = 2 * np.sqrt(np.einsum("ni,nij,nj->n", way, motion.velocity_cov, way))
-        leaving[part] = np.abs((u * du + v * dv) / far) > _LEAVES_MPS + np.minimum(unsure, _LEAVES_MPS)
-    return rate, leaving
+    motion; NaN and False where there is none."""
+    u, v, _ = hand.wheel.axes @ (hand.curves.xyz_m - hand.wheel.hub_m).T
+    du, dv, _ = hand.wheel.axes @ hand.curves.velocity_mps.T.astype(np.float64)
+    far = np.hypot(u, v)
+    unsure = np.minimum(2 * hand.curves.values["speed_sd_mps"], _LEAVES_MPS)
+    with np.errstate(invalid="ignore"):
+        return (v * du - u * dv) / far**2, np.abs((u * du + v * dv) / far) > _LEAVES_MPS + unsure
 
 
 def _along(rate: FloatArray, turning: FloatArray | None) -> BoolArray:
     """Where a hand goes round as fast as the rim; where it goes forward well, as far as the rim's rate is not known."""
-    forward = rate > _FORWARD * float(np.percentile(rate, 90))
+    forward = rate > _FORWARD * float(np.nanpercentile(rate, 90))
     if turning is None:
         return forward
     with np.errstate(invalid="ignore"):
@@ -157,7 +157,7 @@ def _rim_rate(hand: Hand, rate: FloatArray, pushes: list[tuple[int, int]]) -> Fl
     """The rim's rate where no wheel tells it, rad/s (N,): the hand's own in the middle of its pushes, for a wheel
     hardly changes its rate within one."""
     middles = [(first + (last - first) // 4, last - (last - first) // 4) for first, last in pushes]
-    usual = [float(np.median(rate[low : high + 1])) for low, high in middles]
+    usual = [float(np.nanmedian(rate[low : high + 1])) for low, high in middles]
     rates = np.array([float(np.median(usual[max(0, k - 1) : k + 2])) for k in range(len(usual))])
     return np.interp(hand.t_s, [hand.t_s[(low + high) // 2] for low, high in middles], rates)
 
@@ -259,7 +259,7 @@ def _stroke(
         more |= {"cycle_s": cycle, "cycle_sd_s": sd, "frequency_hz": 1 / cycle, "frequency_sd_hz": sd / cycle**2}
     last = end.t_s if end is not None else float(hand.t_s[pushes[number][1]])
     part = slice(int(np.searchsorted(hand.t_s, starts.t_s)), int(np.searchsorted(hand.t_s, last)))
-    seen = hand.smoother.track.measured[part]
+    seen = hand.track.measured[part]
     return replace(stroke, **more, measured=float(seen.mean()) if len(seen) else 0.0)  # type: ignore[arg-type]
 
 
@@ -274,15 +274,10 @@ def _wheel_rate(hand: Hand, start_s: float, end_s: float) -> float | None:
 
 def _mean_speed(hand: Hand, part: slice) -> tuple[float | None, float | None]:
     """In the mean over measured frames; the sd is that of one frame, for neighbours err alike."""
-    seen = hand.smoother.track.measured[part]
-    if seen.sum() < 2:
+    speed, sd = (hand.curves.values[name][part][hand.track.measured[part]] for name in ("speed_mps", "speed_sd_mps"))
+    if len(speed) < 2:
         return None, None
-    motion = hand.smoother.motion(part)
-    velocity = motion.velocity_mps[seen]
-    speed = np.linalg.norm(velocity, axis=1)
-    way = velocity / speed[:, None]
-    variance = np.einsum("ni,nij,nj->n", way, motion.velocity_cov[seen], way)
-    return float(speed.mean()), float(np.sqrt(variance.mean()))
+    return float(speed.mean()), float(np.sqrt((sd**2).mean()))
 
 
 def _pattern(about: AboutAxle, radius_m: float, part: slice) -> str:
