@@ -12,26 +12,28 @@ from spheremcap.synth.kinematics import JOINTS, Path
 from spheremcap.synth.parts import Athlete, Ball, Hoop, World
 from spheremcap.synth.ride import Ride, circle
 from spheremcap.synth.scenarios import FRAME_S, HALL, SHAKE, SIX, TICKS, world
-from spheremcap.synth.strokes import Manner, Motion, Mount, motion
+from spheremcap.synth.strokes import Manner, Mount, motion
 
 CAMERA = Camera(
     1280, 720, 880.0, 880.0, 639.5, 359.5, "plumb_bob", (-0.2, 0.05, 0.0, 0.0),
     source="made up: an action camera's medium mode, about 72 degrees across",
 )  # fmt: skip
-MOUNT = Mount()
+USUAL, HIGH = Mount(), Mount((1.08, 0.0, 0.80), float(np.radians(30.0)))
+"""Where the camera is. At contact and release a shoulder's marker hides a part of the wrist's; not from `HIGH`."""
 RATES = (240, 120, 60)
 """Frames/s, times 1000/1001."""
-FRAMES = 2400
+FRAMES = 2640
 _BEHIND_M = np.array([0.025, 0.0, 0.0])
 """How far a limb's middle is behind its marker."""
 
 
 @dataclass(frozen=True)
 class StrokeScenario:
-    """A session that can be rendered: one line on it, and how the athlete pushes."""
+    """A session that can be rendered: one line on it, how the athlete pushes, and where the camera is."""
 
     about: str
     manner: Manner
+    mount: Mount = USUAL
 
 
 def described(name: str) -> StrokeScenario:
@@ -65,37 +67,38 @@ def _made(name: str, seed: int, frames: int | None) -> tuple[World, Ride]:
     rng = np.random.default_rng([seed, *name.partition("@")[0].encode()])
     # A shorter session is the beginning of the whole one.
     moved = motion(scenario.manner, max(FRAMES, count * step) * FRAME_S, rng)
-    made = Ride(moved, MOUNT, CAMERA, (count - 1) * step * FRAME_S)
-    paths = {joint: _path(moved, joint) for joint in JOINTS}
+    mount = scenario.mount
+    made = Ride(moved, mount, CAMERA, (count - 1) * step * FRAME_S)
+    paths = {joint: _path(made, joint) for joint in JOINTS}
     balls = tuple(Ball(joint, paths[joint], colour) for joint, colour in zip(JOINTS, SIX, strict=True))
     shown = world(
         count, *balls, camera=CAMERA, ticks=tuple(step * TICKS * k for k in range(count)), vibration=SHAKE,
-        backdrop=HALL, athlete=_athlete(moved, paths), beside=made.files(), name=name, seed=seed,
+        backdrop=HALL, athlete=_athlete(made, paths), beside=made.files(), name=name, seed=seed,
     )  # fmt: skip
     return shown, made
 
 
-def _path(moved: Motion, joint: str) -> Path:
+def _path(made: Ride, joint: str) -> Path:
     side, _, part = joint.partition("_")
-    at = (moved.left if side == "left" else moved.right).joint(part)
-    return lambda t_s: MOUNT.to_camera(at(t_s))
+    at = (made.motion.left if side == "left" else made.motion.right).joint(part)
+    return lambda t_s: made.mount.to_camera(at(t_s))
 
 
-def _athlete(moved: Motion, paths: dict[str, Path]) -> Athlete:
+def _athlete(made: Ride, paths: dict[str, Path]) -> Athlete:
     """The body on the markers' paths, straps under the markers, and the wheels' tyres, push rims and hubs."""
-    behind = MOUNT.axes @ _BEHIND_M
+    behind = made.mount.axes @ _BEHIND_M
 
     def middle(path: Path) -> Path:
         return lambda t_s: path(t_s) - behind
 
     hoops = []
-    for arm in moved.arms:
+    for arm in made.motion.arms:
         for radius, thick, colour in (
-            (moved.wheels.radius_m, 0.024, (38, 38, 40)),
-            (moved.wheels.rim_radius_m, 0.016, (62, 64, 68)),
+            (made.motion.wheels.radius_m, 0.024, (38, 38, 40)),
+            (made.motion.wheels.rim_radius_m, 0.016, (62, 64, 68)),
             (0.02, 0.02, (150, 152, 156)),
         ):
-            hoops.append(Hoop(MOUNT.to_camera(circle(arm, radius, 72)), thick, colour))
+            hoops.append(Hoop(made.mount.to_camera(circle(arm, radius, 72)), thick, colour))
     joints = {joint: middle(path) for joint, path in paths.items()}
     return Athlete(joints=joints, hoops=tuple(hoops), strap_m=0.03)
 
@@ -117,4 +120,5 @@ STROKES: dict[str, StrokeScenario] = {
     "strokes-unequal": StrokeScenario(
         "strokes whose left hand is late and takes hold later", Manner(left_lag_s=0.035, left_later_deg=12.0)
     ),
+    "strokes-high": StrokeScenario("even strokes seen from higher up: no marker hides another", Manner(), HIGH),
 }
