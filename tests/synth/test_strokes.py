@@ -258,7 +258,7 @@ def test_limbs_and_straps_follow_the_arms():
     for index in (30, 60):
         strapped, without = (scene.light(index).mean(axis=2) for scene in (bare, loose))
         for ball in world.balls:
-            xyz = world.vibration.move(world.athlete.joint(ball.name)(t := np.array([bare._stamp_s(index)])), t)
+            xyz = world.vibration.move(ball.path(t := np.array([bare._stamp_s(index)])), t)
             x, y = np.rint(CAMERA.project(xyz)[0]).astype(int)
             assert strapped[y - 1 : y + 2, x - 1 : x + 2].max() < 0.03, (index, ball.name)
             if ball.name.endswith("elbow"):
