@@ -12,6 +12,7 @@ from test_sync import session
 import spheremcap
 from clips import START_NS, decoded, rows
 from spheremcap.io.output import SharedWriter
+from spheremcap.synth.stroke_scenarios import ride
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +50,17 @@ def test_recordings_and_sensors_become_one(run, log, tmp_path):
     assert back.sensors["wheel"]["angle_rad"][-1] == pytest.approx(np.deg2rad(49 * 3.6))
     assert len(back.sensors["imu"]) == 3
     assert decoded(out)["/sensors/imu"][0].linear_acceleration.z == pytest.approx(9.80665)
+
+
+def test_the_wheel_of_rendered_strokes_is_read_as_it_is(run, log, tmp_path):
+    made, wheel, out = ride("strokes"), tmp_path / "wheel.csv", tmp_path / "dataset.mcap"
+    wheel.write_text(made.files()["wheel.csv"])
+    outcome = run("merge", log, wheel, "-o", out)
+    assert outcome.code == 0, outcome.err
+    back = spheremcap.open(out).sensors["wheel"]
+    since_s = (back.stamp_ns - min(row[1] for row in rows(log))) / 1e9
+    assert back["angle_rad"] == pytest.approx(made.motion.turned_rad(since_s), abs=1e-6)
+    assert 19 < np.median(np.diff(back["angle_rad"]) / np.diff(since_s)) < 21  # forward is more
 
 
 def test_what_is_wrong_is_one_line(run, log, tmp_path):

@@ -17,16 +17,20 @@ def synth(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Another draw of the same scenario.")] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Write into a folder that has a session.")] = False,
 ) -> None:
-    """Render a racing session with exact truth: session.mp4, truth.csv, settings.toml and seeds.toml."""
-    from spheremcap.synth import describe, names, render
+    """Render a racing session with exact truth: session.mp4, truth.csv, settings.toml and seeds.toml.
+
+    Scenarios of strokes (strokes, strokes-fast, ...) have events.csv (contacts and releases), wheel.csv (an encoder,
+    for merge) and analysis.toml (wheels and mount) besides. They are also filmed at 120 and 60 frames/s: strokes@120.
+    """
+    from spheremcap.synth import describe, known, names, render, stroke_names
 
     loaded()
     if scenario == "list":
-        for name in names():
+        for name in (*names(), *stroke_names()):
             typer.echo(f"{name:20s} {describe(name)}")
         return
-    if scenario not in names():
-        raise UsageError(f"unknown scenario {scenario!r}; there are: {', '.join(names())}")
+    if not known(scenario):
+        raise UsageError(f"unknown scenario {scenario!r}; there are: {', '.join((*names(), *stroke_names()))}")
     if output is None:
         raise UsageError("give the folder to write with -o")
     with bar() as progress:

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from spheremcap.errors import UsageError
 from spheremcap.evaluation.protocol import Trial, load_trial, load_trials
-from spheremcap.synth import names, render
+from spheremcap.synth import known, names, render, stroke_names
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -41,19 +41,19 @@ class Lab:
         """A rendered session, made when it is not there yet. Raises UsageError for an unknown scenario."""
         folder = (self.sessions or self.folder / "sessions") / scenario
         if not (folder / "seeds.toml").exists():
-            if scenario not in names():
-                raise UsageError(f"unknown scenario {scenario!r}; there are: {', '.join(names())}")
+            if not known(scenario):
+                raise UsageError(_unknown(scenario))
             self.tell(f"rendering {scenario}")
             render(scenario, folder, frames=60 if self.quick else None, overwrite=True)
         return load_trial(folder)
 
     def trials(self, among: Iterable[str] | None = None) -> list[Trial]:
-        """The sessions of all scenarios, or of `among`; only those of `only` where that is given."""
+        """The sessions of all scenarios but strokes, or of `among`; only those of `only` where that is given."""
         wanted = list(names() if among is None else among)
         if self.only:
-            unknown = [name for name in self.only if name not in names()]
+            unknown = [name for name in self.only if not known(name)]
             if unknown:
-                raise UsageError(f"unknown scenario {unknown[0]!r}; there are: {', '.join(names())}")
+                raise UsageError(_unknown(unknown[0]))
             wanted = [name for name in wanted if name in self.only] or list(self.only)
         return [self.trial(name) for name in wanted]
 
@@ -72,3 +72,7 @@ class Lab:
     def clip_trials(self) -> list[Trial]:
         """The clips made elsewhere; none when no folder was given."""
         return [trial for folder in self.clips for trial in load_trials(folder)]
+
+
+def _unknown(scenario: str) -> str:
+    return f"unknown scenario {scenario!r}; there are: {', '.join((*names(), *stroke_names()))}"

@@ -10,13 +10,15 @@ import numpy.typing as npt
 from spheremcap.core.camera import Camera
 from spheremcap.core.frame import BgrImage
 from spheremcap.errors import UsageError
-from spheremcap.synth.kinematics import JOINTS, chair_to_camera, joint_chair_m, wave
-from spheremcap.synth.parts import Athlete, Backdrop, Vibration
+from spheremcap.synth.kinematics import JOINTS, wave
+from spheremcap.synth.parts import Athlete, Backdrop, Hoop, Vibration
 from spheremcap.synth.pixels import cut, mean_of_four
 
 FloatArray = npt.NDArray[np.float64]
 PHOTOGRAPHS = ("motorcycle", "rocket", "coffee", "chelsea", "astronaut", "brick", "grass", "gravel")
 _MARGIN_PX = 96
+_LIMB_M = 0.29
+"""About how long a forearm or an upper arm is."""
 _CIRCLE = np.array([(np.cos(phi), np.sin(phi)) for phi in np.arange(24) * (2 * np.pi / 24)])
 
 
@@ -108,7 +110,8 @@ class Body:
         joints = {name: self._joint(name, times) for name in JOINTS}
         drawn = np.stack([picture] * self._INSTANTS)
         for k in range(self._INSTANTS):
-            self._draw(drawn[k], {name: (at[k], scale) for name, (at, scale) in joints.items()})
+            lines = [(self._line(hoop, float(times[k])), hoop) for hoop in self.athlete.hoops]
+            self._draw(drawn[k], {name: (at[k], scale) for name, (at, scale) in joints.items()}, lines)
         return mean_of_four(drawn.reshape(self._INSTANTS, len(picture), -1)).reshape(picture.shape)
 
     def _joint(self, name: str, times_s: FloatArray) -> tuple[FloatArray, float]:
@@ -118,15 +121,22 @@ class Body:
         late = 0.0
         for _ in range(3):
             t = times_s + late
-            # A little behind its marker, which sits on the limb's outside.
-            chair = joint_chair_m(name, t + self.athlete.start_s) - (0.025, 0.0, 0.0)
-            xyz = self.vibration.move(chair_to_camera(chair), t)
+            xyz = self.vibration.move(self.athlete.joint(name)(t), t)
             pixels = self.camera.project(xyz)
             row = float(np.clip(pixels[:, 1].mean(), -500, 1500))
             late = (row - (self.camera.height_px - 1) / 2) * self.row_s
         return pixels, self.camera.fx_px / float(np.linalg.norm(xyz[0]))
 
-    def _draw(self, picture: BgrImage, joints: dict[str, tuple[FloatArray, float]]) -> None:
+    def _line(self, hoop: Hoop, t_s: float) -> FloatArray:
+        """A hoop's pixels (N, 2); NaN beyond the lens."""
+        return self.camera.project(self.vibration.move(hoop.xyz_m, np.full(len(hoop.xyz_m), t_s)))
+
+    def _draw(
+        self,
+        picture: BgrImage,
+        joints: dict[str, tuple[FloatArray, float]],
+        lines: Sequence[tuple[FloatArray, Hoop]],
+    ) -> None:
         skin, jersey = self.athlete.skin[::-1], self.athlete.jersey[::-1]
         (left, scale), (right, _) = joints["left_shoulder"], joints["right_shoulder"]
         neck = (left + right) / 2
@@ -135,6 +145,9 @@ class Body:
         for tone, wide in ((0.75, 1.0), (1.0, 0.8)):
             middle = trunk.mean(axis=0)
             _fill(picture, (trunk - middle) * (wide, 1.0) + middle, [c * tone for c in jersey])
+        for line, hoop in lines:
+            thick_px = hoop.thick_m * self.camera.fx_px / float(np.linalg.norm(hoop.xyz_m, axis=1).mean())
+            _outline(picture, line, thick_px, hoop.colour[::-1])
         for side in ("left", "right"):
             shoulder, elbow, wrist = (joints[f"{side}_{j}"] for j in ("shoulder", "elbow", "wrist"))
             for (p, at_p), (q, at_q), thick, colour in (
@@ -149,6 +162,9 @@ class Body:
                         thick[1] * wide * at_q,
                         [c * tone for c in colour],
                     )
+            for end, other, radius in ((shoulder, elbow, 0.056), (elbow, shoulder, 0.045), (wrist, elbow, 0.034)):
+                if self.athlete.strap_m:
+                    _strap(picture, end[0], other[0], radius * end[1], self.athlete.strap_m)
             forearm = wrist[0] - elbow[0]
             hand = wrist[0] + forearm / max(float(np.linalg.norm(forearm)), 1.0) * 0.06 * wrist[1]
             _limb(picture, wrist[0], hand, 0.036 * wrist[1], 0.042 * wrist[1], (34, 30, 30))
@@ -185,6 +201,23 @@ def _fill(picture: BgrImage, corners: FloatArray, colour: Sequence[float]) -> No
         return
     points = np.rint(corners.clip(-4000, 6000) * 16).astype(np.int32)
     cv2.fillConvexPoly(picture, cv2.convexHull(points), colour, cv2.LINE_AA, 4)
+
+
+def _outline(picture: BgrImage, line: FloatArray, thick_px: float, colour: Sequence[float]) -> None:
+    """A closed line (N, 2) in pixels."""
+    if np.isfinite(line).all():
+        points = np.rint(line.clip(-4000, 6000) * 16).astype(np.int32)
+        cv2.polylines(picture, [points], True, colour, max(1, round(thick_px)), cv2.LINE_AA, 4)
+
+
+def _strap(picture: BgrImage, end: FloatArray, other: FloatArray, radius_px: float, wide_m: float) -> None:
+    """A dark band square to the limb from `end` to `other` (2,), at its end; it is foreshortened as the limb is."""
+    limb = other - end
+    along = limb * (wide_m / 2 / _LIMB_M)
+    across = np.array([-limb[1], limb[0]]) * (radius_px / max(float(np.linalg.norm(limb)), 1.0))
+    for tone, wide in ((20, 1.06), (40, 0.6)):
+        corners = [end + p * along + q * wide * across for p, q in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
+        _fill(picture, np.array(corners), [tone] * 3)
 
 
 def _limb(picture: BgrImage, p: FloatArray, q: FloatArray, rp: float, rq: float, colour: Sequence[float]) -> None:

@@ -1,6 +1,6 @@
 """What a rendered session is made of: balls, cards, an athlete, a backdrop, light, sensor, shaking mount."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from spheremcap.core.camera import Camera
-from spheremcap.synth.kinematics import Path
+from spheremcap.synth.kinematics import Path, chair_to_camera, joint_chair_m
 from spheremcap.synth.motion import shaken, shaking
 
 FloatArray = npt.NDArray[np.float64]
@@ -53,14 +53,34 @@ class Card:
 
 
 @dataclass(frozen=True)
+class Hoop:
+    """A closed line that is fixed to the chair: points (N, 3) in the optical frame of the camera at rest."""
+
+    xyz_m: FloatArray
+    thick_m: float
+    colour: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
 class Athlete:
-    """A racer's body behind the markers: trunk, head and two arms on the same harmonics, `start_s` into the
-    cycle.
+    """A racer's body behind the markers: trunk, head and two arms.
+
+    The joints are those of the recording, `start_s` into the cycle, or on the paths of `joints`, by name. Round the
+    limbs, at the joints, are straps that are `strap_m` wide (0: none); `hoops` are the chair's wheels.
     """
 
     start_s: float = 0.0
     skin: tuple[int, int, int] = (176, 128, 104)
     jersey: tuple[int, int, int] = (36, 44, 70)
+    joints: Mapping[str, Path] | None = None
+    strap_m: float = 0.0
+    hoops: tuple[Hoop, ...] = ()
+
+    def joint(self, name: str) -> Path:
+        """The path of the middle of a limb's end: a little behind its marker, which sits on the limb's outside."""
+        if self.joints is not None:
+            return self.joints[name]
+        return lambda t_s: chair_to_camera(joint_chair_m(name, t_s + self.start_s) - (0.025, 0.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -130,7 +150,8 @@ class Vibration:
 class World:
     """Everything a session shows, and when: what a scenario makes and `Scene` renders.
 
-    `ticks` are the pictures' container stamps in units of `time_base` seconds, rising from 0.
+    `ticks` are the pictures' container stamps in units of `time_base` seconds, rising from 0. `beside` are texts that
+    are written beside the video, by the names of their files.
     """
 
     name: str
@@ -145,6 +166,7 @@ class World:
     sensor: Sensor = field(default_factory=Sensor)
     vibration: Vibration = field(default_factory=Vibration)
     seed: int = 0
+    beside: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def markers(self) -> tuple[Ball, ...]:

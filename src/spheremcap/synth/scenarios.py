@@ -26,6 +26,8 @@ WIDE = Camera(
 GREEN, MAGENTA, ORANGE = (74, 196, 60), (214, 44, 140), (240, 128, 24)
 BLUE, YELLOW, CYAN = (36, 92, 214), (234, 208, 36), (40, 190, 200)
 RED, WHITE, DARK = (206, 28, 30), (232, 232, 228), (34, 36, 42)
+SIX = (GREEN, MAGENTA, ORANGE, BLUE, YELLOW, CYAN)
+"""The markers' colours where all joints have one, in the order of `JOINTS`."""
 SHARP = Sensor(exposure_s=1 / 4000, full_well_e=9000.0, read_e=6.0)
 
 
@@ -136,12 +138,12 @@ def edge_at(fraction: float) -> float:
 # --- the scenarios ---
 
 RACE_START_S = 0.30
-_SHAKE = Vibration(rotation_mrad=0.45, translation_mm=0.3)
-_HALL = Backdrop("motorcycle", 2.2, (14.0, 8.0), (0.9, 1.3))
+SHAKE = Vibration(rotation_mrad=0.45, translation_mm=0.3)
+HALL = Backdrop("motorcycle", 2.2, (14.0, 8.0), (0.9, 1.3))
 
 
 def _race(frames: int, balls: tuple[Ball, ...], **parts: object) -> World:
-    usual: dict[str, object] = {"athlete": Athlete(RACE_START_S), "backdrop": _HALL, "vibration": _SHAKE}
+    usual: dict[str, object] = {"athlete": Athlete(RACE_START_S), "backdrop": HALL, "vibration": SHAKE}
     return world(frames, *balls, **(usual | parts))
 
 
@@ -157,7 +159,7 @@ def _racing(rng: np.random.Generator, frames: int) -> World:
 
 def _blur(rng: np.random.Generator, frames: int) -> World:
     path = loop(NARROW, rng, (640, 360), (400, 240), (0.65, 1.1), 2.2)
-    return world(frames, Ball("marker", path, MAGENTA), vibration=_SHAKE, backdrop=Backdrop("rocket", 2.4))
+    return world(frames, Ball("marker", path, MAGENTA), vibration=SHAKE, backdrop=Backdrop("rocket", 2.4))
 
 
 def _scale(rng: np.random.Generator, frames: int) -> World:
@@ -206,7 +208,7 @@ def _reentry(rng: np.random.Generator, frames: int) -> World:
     return world(
         frames,
         Ball("marker", image_path(NARROW, place), MAGENTA),
-        vibration=_SHAKE,
+        vibration=SHAKE,
         backdrop=Backdrop("coffee", 2.6),
     )
 
@@ -285,8 +287,7 @@ def _exposure(rng: np.random.Generator, frames: int) -> World:
 
 
 def _six(rng: np.random.Generator, frames: int) -> World:
-    colours = (GREEN, MAGENTA, ORANGE, BLUE, YELLOW, CYAN)
-    return _race(frames, tuple(Ball(n, joint_path(n, RACE_START_S), c) for n, c in zip(JOINTS, colours, strict=True)))
+    return _race(frames, tuple(Ball(n, joint_path(n, RACE_START_S), c) for n, c in zip(JOINTS, SIX, strict=True)))
 
 
 def _small(rng: np.random.Generator, frames: int) -> World:
@@ -316,7 +317,7 @@ def _coloured(colour: tuple[int, int, int], photograph: str, enlarge: float, glo
             frames,
             Ball("marker", path, colour, gloss=gloss),
             backdrop=Backdrop(photograph, enlarge),
-            vibration=_SHAKE,
+            vibration=SHAKE,
         )
 
     return make

@@ -7,6 +7,7 @@ half exposed: position and circle belong together, as seen. Blur does not move i
 mid-exposure, not the streak.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -64,6 +65,11 @@ class Scene(Rendered):
         return Container(
             world.camera, sensor.exposure_s, sensor.readout_s, world.ticks, world.time_base, markers, MEGABITS
         )
+
+    @property
+    def beside(self) -> Mapping[str, str]:
+        """More files of truth: a session of strokes has them."""
+        return self.world.beside
 
     def planes(self, picture: BgrImage) -> npt.NDArray[np.uint8]:
         """The picture's 4:2:0 planes, chroma sited left."""

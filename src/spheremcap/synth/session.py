@@ -48,7 +48,8 @@ def render(
     overwrite: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> SynthSession:
-    """Render a scenario into `folder` (made if missing): session.mp4, truth.csv, settings.toml, seeds.toml.
+    """Render a scenario into `folder` (made if missing): session.mp4, truth.csv, settings.toml, seeds.toml; of strokes
+    also events.csv, wheel.csv and analysis.toml (`ride`).
 
     The same scenario, seed, frames and megabits (Mbit/s at 240 frames/s; None: the scenario's own) give the
     same bytes. `progress` is called with (frames done, frames in all). truth.csv has the columns
@@ -70,6 +71,8 @@ def render(
         begun = [
             files.enter_context(whole_file(path, overwrite=overwrite)) for path in (seeds_file, settings, truth, video)
         ]
+        more = {name: files.enter_context(whole_file(folder / name, overwrite=overwrite)) for name in scene.beside}
+        begun += more.values()
         parts = [part.path for part in begun]
         with (
             encoder(parts[3], container, megabits) as write,
@@ -84,6 +87,8 @@ def render(
                         seeds[marker.marker] = Seed(marker.marker, index, _click(marker.circle, clicks))
                 if progress is not None:
                     progress(index + 1, len(scene))
+        for name, text in scene.beside.items():
+            more[name].path.write_text(text, encoding="utf-8", newline="\n")
         given = tuple(seeds[name] for name, _ in container.markers if name in seeds)
         parts[1].write_text(settings_toml(container), encoding="utf-8", newline="\n")
         parts[0].write_text(seeds_toml(given), encoding="utf-8", newline="\n")

@@ -1,7 +1,7 @@
 """What is true of a marker on a frame, and what writes a rendered session: the nouns that both renderers share."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -76,6 +76,11 @@ class Rendered(ABC):
     @abstractmethod
     def container(self) -> Container:
         """How the session is written down."""
+
+    @property
+    def beside(self) -> Mapping[str, str]:
+        """More files of truth, texts by name: they are written beside the video."""
+        return {}
 
     @abstractmethod
     def planes(self, picture: BgrImage) -> npt.NDArray[np.uint8]:
