@@ -46,8 +46,8 @@ from spheremcap.core.estimate import FrameResult, MarkerEstimate, Status
 from spheremcap.core.frame import Frame
 from spheremcap.core.marker import MarkerSpec
 from spheremcap.core.time import NS_PER_S
-from spheremcap.io import export
 from spheremcap.io.encode import write_video
+from spheremcap.io.export import tables
 from spheremcap.io.mcap_log import McapLog
 from spheremcap.io.mcap_records import Piece
 from spheremcap.io.output import SharedWriter
@@ -330,13 +330,13 @@ def interrupted_table(jobs: list[Job], folder: Path) -> str:
     job = next(job for job in jobs if job.name == "export")
 
     def before() -> None:
-        write = export._write_csv
+        write = tables.write_csv
 
         def signalled(rest: Iterator[Any]) -> Iterator[Any]:
             os.kill(os.getpid(), signal.SIGTERM)
             yield from rest
 
-        export._write_csv = lambda path, first, rest, start_ns: write(path, first, signalled(rest), start_ns)
+        tables.write_csv = lambda path, first, rest, start_ns: write(path, first, signalled(rest), start_ns)
 
     with old_output(job, folder) as words:
         ending = run(words, before)

@@ -10,7 +10,7 @@ from spheremcap.core.estimate import FrameResult, MarkerEstimate, OperatorReques
 from spheremcap.core.marker import MarkerSpec
 from spheremcap.errors import SourceError, UsageError
 from spheremcap.evaluation import evaluate, read_truth, scores_table
-from spheremcap.io.export import export_tracks
+from spheremcap.io.export import export_recording
 from spheremcap.io.mcap_log import McapLog, RunInfo
 from spheremcap.synth import TRUTH_COLUMNS
 
@@ -80,7 +80,7 @@ def test_an_export_scores_like_its_recording(recording: Path, truth: Path, tmp_p
     if ending == ".parquet":
         pytest.importorskip("pyarrow")
     out = tmp_path / f"tracks{ending}"
-    export_tracks(recording, out)
+    export_recording(recording, out)
     whole, table = evaluate(recording, truth).overall, evaluate(out, truth).overall
     assert table.accuracy_pct == pytest.approx(whole.accuracy_pct)
     assert table.position_mean_mm == pytest.approx(whole.position_mean_mm)

@@ -320,6 +320,22 @@ def iter_columns(records: McapRecords, rows: int = 4096) -> Iterator[dict[str, n
         yield table.track("").columns() | {"marker": np.array([row.marker for row in batch])}
 
 
+def read_sensors(records: McapRecords, start_ns: int, end_ns: int) -> dict[str, Sensor]:
+    """The IMUs and wheels of a recording by topic as in `Recording.sensors`, from `start_ns` to before `end_ns`."""
+    names = schema_names(records)
+    topics = {c.topic for c in records.channels.values() if names[c.id] in SENSORS}
+    found: dict[int, _SensorRows] = {}
+    for raw in records.messages(topics) if topics else ():
+        if names.get(raw.channel.id) in SENSORS and start_ns <= raw.log_time < end_ns:
+            try:
+                if raw.channel.id not in found:
+                    found[raw.channel.id] = _SensorRows(raw.channel, records)
+                found[raw.channel.id].add(raw)
+            except UNREADABLE as error:
+                records.undecodable(raw.channel.topic, error)
+    return {_sensor_name(rows.topic): rows.sensor() for rows in found.values() if len(rows)}
+
+
 def state_row(data: bytes, stamp_ns: int) -> StateRow:
     """The content of a serialised spheremcap.MarkerState, NaN and "" for what is not set. Raises UNREADABLE."""
     m = _pb.MarkerState.FromString(data)

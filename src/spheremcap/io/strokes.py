@@ -1,7 +1,12 @@
 """Strokes and their events as messages, and read back from a recording that `analyse` wrote."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import fields
+from enum import Enum
 from typing import Any
+
+import numpy as np
 
 from spheremcap.core.stroke import EventKind, Stroke, StrokeEvent
 from spheremcap.io import _pb
@@ -49,6 +54,24 @@ def read_strokes(records: McapRecords) -> tuple[list[StrokeEvent], list[Stroke]]
         except UNREADABLE as error:
             records.undecodable(raw.channel.topic, error)
     return events, strokes
+
+
+def has_strokes(records: McapRecords) -> bool:
+    """Whether somebody has looked for strokes in a recording, found or not."""
+    return any(name in (EVENT, STROKE) for name in schema_names(records).values())
+
+
+def columns_of(kind: type[StrokeEvent] | type[Stroke], nouns: Sequence[StrokeEvent | Stroke]) -> dict[str, Any]:
+    """The fields of events or strokes as columns, each (N,), by name; NaN where there is no value."""
+    kinds: dict[Any, type[np.generic]] = {int: np.int64, float: np.float64, float | None: np.float64}
+    return {
+        f.name: np.array([_cell(getattr(noun, f.name)) for noun in nouns], kinds.get(f.type, np.str_))
+        for f in fields(kind)
+    }
+
+
+def _cell(value: Any) -> Any:
+    return value.value if isinstance(value, Enum) else math.nan if value is None else value
 
 
 def _told(noun: StrokeEvent | Stroke) -> dict[str, Any]:
