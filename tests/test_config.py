@@ -13,11 +13,14 @@ from spheremcap.config import (
     MarkerSettings,
     OutputSettings,
     Settings,
+    chair_toml,
+    load_chair,
     load_seeds,
     load_settings,
     parse_seed,
     seeds_toml,
 )
+from spheremcap.core.chair import CLICKED, RIMS, ChairClick
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Hidden, Keep, Seed
 from spheremcap.core.stage import StageConfig
@@ -268,6 +271,67 @@ def test_a_wrong_seeds_file_names_the_seed_and_what_it_lacks(tmp_path, text, mes
     path.write_text(text, encoding="utf-8")
     with pytest.raises(SettingsError, match=message) as caught:
         load_seeds(path)
+    assert str(path) in str(caught.value)
+
+
+# -- clicks on a chair -----------------------------------------------------------------------------
+
+
+def clicks_on(width_px, height_px):
+    one = st.builds(
+        ChairClick,
+        st.sampled_from(CLICKED),
+        st.integers(0, 10**6),
+        st.floats(-0.5, width_px - 0.5),
+        st.floats(-0.5, height_px - 0.5),
+    )
+    return st.lists(one, max_size=6, unique_by=lambda click: click.on if click.on not in RIMS else click)
+
+
+@given(clicks_on(1280, 720))
+def test_clicks_on_a_chair_are_read_back_as_written(tmp_path_factory, clicks):
+    path = tmp_path_factory.getbasetemp() / "session.chair.toml"
+    path.write_text(chair_toml(clicks, 1280, 720), encoding="utf-8")
+    assert load_chair(path) == (tuple(clicks), (1280, 720))
+
+
+def test_a_file_of_clicks_on_a_chair_is_what_the_docs_say():
+    text = 'width_px = 640\nheight_px = 480\n\n[[clicks]]\non = "left_rim"\nframe = 3\nx_px = 1.0\ny_px = 2.5\n'
+    assert chair_toml([ChairClick("left_rim", 3, 1.0, 2.5)], 640, 480) == text
+
+
+SIZE = "width_px = 640\nheight_px = 480\n"
+CLICK = "[[clicks]]\non = '{}'\nframe = 0\nx_px = {}\ny_px = {}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected width_px and height_px"),
+        ("width_px = 640\n", "expected width_px and height_px"),
+        (SIZE + "depth_px = 3\n", "expected width_px and height_px"),
+        (SIZE + "clicks = 3\n", "expected width_px and height_px"),
+        ("width_px = 0\nheight_px = 480\n", "width_px: "),
+        ("width_px = '640'\nheight_px = 480\n", "width_px: a number has no quotes"),
+        (SIZE + "[[clicks]]\non = 'front'\nframe = 0\nx_px = 1\n", "click 1 must have on, frame, x_px and y_px"),
+        (SIZE + CLICK.format("front", 1, 2) + "r_px = 3\n", "click 1 must have on, frame, x_px and y_px"),
+        (SIZE + CLICK.format("front", "'left'", 2), "click 1: x_px: "),
+        (SIZE + CLICK.format("front", 1, "nan"), "click 1: y_px: "),
+        (SIZE + "[[clicks]]\non = 'front'\nframe = -1\nx_px = 1\ny_px = 2\n", "click 1: frame: "),
+        (SIZE + CLICK.format("hub", 1, 2), "click 1: on is 'hub'; expected one of left_axle, right_axle, left_rim"),
+        (SIZE + CLICK.format("front", 639.6, 2), "click 1: front at 639.6, 2 is outside the 640x480 picture"),
+        (SIZE + CLICK.format("front", -0.6, 2), "is outside the 640x480 picture"),
+        (SIZE + CLICK.format("front", 1, 479.6), "is outside the 640x480 picture"),
+        (SIZE + CLICK.format("front", 1, -0.6), "is outside the 640x480 picture"),
+        (SIZE + "".join(CLICK.format(on, 1, 2) for on in ("front", "left_rim", "left_rim", "front")),
+         "clicks 1 and 4 are both of front, of which there is one"),
+    ],
+)  # fmt: skip
+def test_a_wrong_file_of_clicks_on_a_chair_says_what_is_expected(tmp_path, text, message):
+    path = tmp_path / "session.chair.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(SettingsError, match=message) as caught:
+        load_chair(path)
     assert str(path) in str(caught.value)
 
 

@@ -150,6 +150,10 @@ class Hand:
         mouse.up()
         return self
 
+    def point(self, x_px: float, y_px: float) -> "Hand":
+        """Press and let go at a place of the picture."""
+        return self.drag((x_px, y_px), (x_px, y_px))
+
     def circle(self) -> tuple[float, float, float] | None:
         """The circle in hand."""
         texts = [self.page.input_value(f"#{name}") for name in "xyr"]

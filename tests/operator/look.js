@@ -45,6 +45,15 @@ const colour = (x, y) => {
   return [...canvas.getContext("2d").getImageData(Math.round(x * ratio), Math.round(y * ratio), 1, 1).data].slice(0, 3);
 };
 
+/** The greatest difference between a colour's parts on the canvas around a place in CSS pixels. */
+const vivid = (x, y) => {
+  const canvas = document.getElementById("picture"), ratio = devicePixelRatio, side = 7;
+  const data = canvas.getContext("2d").getImageData(Math.round(x * ratio) - 3, Math.round(y * ratio) - 3, side, side).data;
+  let most = 0;
+  for (let k = 0; k < data.length; k += 4) most = Math.max(most, Math.max(...data.slice(k, k + 3)) - Math.min(...data.slice(k, k + 3)));
+  return most;
+};
+
 /** What a page of another site gets: an answer posted, the session read, a picture shown. */
 const intrude = async (base) => {
   const body = JSON.stringify({ kind: "keep", marker: "wrist", frame: 40, to_frame: 49 });

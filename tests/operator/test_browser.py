@@ -2,6 +2,7 @@
 
 import csv
 import http.server
+import math
 import os
 import sys
 import threading
@@ -15,7 +16,8 @@ from hand import FLAGS, Annotate, Hand, Program, find_chromium
 
 import spheremcap
 from spheremcap import api
-from spheremcap.config import load_seeds, load_settings, seeds_toml
+from spheremcap.config import load_chair, load_seeds, load_settings, seeds_toml
+from spheremcap.core.chair import ChairClick
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Hidden, Keep, Seed
 
@@ -157,9 +159,8 @@ def test_single_pixels_are_shown_as_they_are(film: Path, serve: Serve, visit: Vi
 
 def colour_at(hand: Hand, x_px: float, y_px: float) -> tuple[int, int, int]:
     """What the canvas shows at a place of the picture, which is fitted to it."""
-    x, y = hand.on_screen(x_px, y_px)
-    box = hand.page.locator("#picture").bounding_box()
-    return tuple(hand.look(f"colour({x - box['x']}, {y - box['y']})"))
+    x, y = on_canvas(hand, x_px, y_px)
+    return tuple(hand.look(f"colour({x}, {y})"))
 
 
 def test_every_step_shows_the_very_frame(film: Path, serve: Serve, visit: Visit) -> None:
@@ -386,6 +387,132 @@ def test_a_video_is_seeded_and_tracked_with_the_keyboard_alone(film: Path, serve
     hand.tab_to("#save").press("Enter").saved()
     hand.tab_to("#track").press("Enter")
     hand.wait(lambda: hand.seen("#open-written"), 60)
+
+
+# --- the chair ---
+
+
+def rim(k: float) -> tuple[float, float]:
+    """A place on a push rim, a turn in 7 steps."""
+    return 170 + 60 * math.cos(k * math.tau / 7), 120 + 90 * math.sin(k * math.tau / 7)
+
+
+def clicks_beside(path: Path) -> list[ChairClick]:
+    clicks, size = load_chair(path.with_name(f"{path.stem}.chair.toml"))
+    assert size == (320, 240)
+    return list(clicks)
+
+
+def test_the_wheels_of_the_chair_are_clicked_and_are_there_again(film: Path, serve: Serve, visit: Visit) -> None:
+    hand = visit(serve(film).url)
+    hand.to_frame(3).click("#chair-open")
+    assert "centre of the left wheel's hub" in hand.said("#hint")
+    hand.point(165, 122)
+    hand.point(170, 121).saved()  # there is one axle: the second click takes its place
+    hand.click("#clicked label:has-text('Left rim')")
+    for k in range(6):
+        hand.point(*rim(k))
+    hand.wait(lambda: "px off the ellipse" in hand.said("#rims-said"))
+    clicks = clicks_beside(film)
+    assert [(c.on, c.frame_index) for c in clicks] == [("left_axle", 3)] + [("left_rim", 3)] * 6
+    for click, (x, y) in zip(clicks, [(170, 121), *map(rim, range(6))], strict=True):
+        assert abs(click.x_px - x) < 0.3
+        assert abs(click.y_px - y) < 0.3
+    assert float(hand.said("#rims-said").split()[2]) < 0.3
+    x, y = on_canvas(hand, *rim(6))
+    assert hand.look(f"vivid({x}, {y})") > 120  # the ellipse goes where nobody has clicked
+    assert hand.look(f"vivid({x - 30}, {y})") < 120
+
+    hand.drag(rim(2), (rim(2)[0] + 12, rim(2)[1] + 9))
+    hand.wait(lambda: abs(clicks_beside(film)[3].x_px - rim(2)[0] - 12) < 0.3)
+    hand.point(*rim(6))
+    hand.wait(lambda: "is it on the rim?" in hand.said("#rims-said"))
+    assert "Left rim 3" in hand.page.locator("#clicks li:has-text('is it on')").inner_text()
+    hand.press("u").press("Control+z")
+    hand.wait(lambda: abs(clicks_beside(film)[3].x_px - rim(2)[0]) < 0.3)
+    assert len(clicks_beside(film)) == 7
+    hand.reload()
+    assert hand.page.locator("#clicks li").count() == 7
+    hand.to_frame(20).click("#clicks button:has-text('Left axle')")
+    assert hand.settled().shown() == "3"
+    hand.press("Backspace")
+    hand.wait(lambda: len(clicks_beside(film)) == 6)
+    hand.click("#chair-open")
+    assert not hand.seen("#clicks")
+    assert hand.seen("#marker-form")
+    assert not film.with_name("film.seeds.toml").exists()
+
+
+def on_canvas(hand: Hand, x_px: float, y_px: float) -> tuple[float, float]:
+    """A place of the picture, which is fitted to the canvas, in its CSS pixels."""
+    (x, y), box = hand.on_screen(x_px, y_px), hand.page.locator("#picture").bounding_box()
+    return x - box["x"], y - box["y"]
+
+
+def test_a_click_is_as_fine_as_the_picture_is_large(film: Path, serve: Serve, visit: Visit) -> None:
+    """Zoomed in about a place, the same movement of the hand is a fraction of a pixel."""
+    hand = visit(serve(film).url)
+    hand.press("w")
+    x, y = hand.on_screen(100, 80)
+    hand.page.mouse.move(x, y)
+    for _ in range(14):
+        hand.page.mouse.wheel(0, -120)
+    scale = int(hand.said("#zoom").split()[0]) / 100
+    assert scale > 10
+    hand.page.mouse.click(x + 20, y)
+    hand.press("m")
+    hand.page.mouse.click(x + 80, y - 30)
+    hand.wait(lambda: film.with_name("film.chair.toml").exists() and len(clicks_beside(film)) == 2)
+    left, right = clicks_beside(film)
+    assert (left.on, right.on) == ("left_axle", "right_axle")
+    assert abs(left.x_px - 100) < 1
+    assert abs(right.x_px - left.x_px - 60 / scale) < 0.02
+    assert abs(left.y_px - right.y_px - 30 / scale) < 0.02
+
+
+def test_the_chair_is_clicked_with_the_keyboard_alone(recording: Path, serve: Serve, visit: Visit) -> None:
+    hand = visit(serve(recording).url)
+    hand.press("w").press("m").press("c").saved()
+    hand.press("Shift+ArrowRight", 3).press("Alt+Shift+ArrowUp", 2)
+    hand.wait(lambda: abs(clicks_beside(recording)[0].y_px - 119.3) < 1e-6)
+    assert clicks_beside(recording) == [ChairClick("right_axle", 0, 162.5, 119.3)]
+    hand.press("m").press("c").press("Shift+ArrowDown").press("c")
+    hand.wait(lambda: len(clicks_beside(recording)) == 3)
+    assert [c.on for c in clicks_beside(recording)] == ["right_axle", "left_rim", "left_rim"]
+    hand.press("[").press("Delete")
+    hand.wait(lambda: len(clicks_beside(recording)) == 2)
+    assert clicks_beside(recording)[1].y_px == 119.5
+    hand.press("]").press("u").press("u").press("u")
+    hand.wait(lambda: clicks_beside(recording)[-1].y_px == 119.5)
+    hand.tab_to("#clicks .go").press("Enter")
+    hand.wait(lambda: hand.page.locator("#clicks [aria-current=true]").count() == 1)
+    hand.press("Escape")
+    assert hand.seen("#markers")
+    assert not recording.with_name("out.seeds.toml").exists()
+
+
+def test_a_click_that_cannot_be_saved_is_not_shown_as_if_it_were(film: Path, serve: Serve, visit: Visit) -> None:
+    hand = visit(serve(film).url)
+    hand.press("w").point(50, 60).saved()
+    other = Hand(hand.page.context.new_page()).open(hand.page.url)
+    other.press("w")
+    assert other.page.locator("#clicks li").count() == 1
+    film.with_name("film.chair.toml").unlink()
+    film.with_name("film.chair.toml").mkdir()  # whatever keeps it from being written
+    hand.press("Shift+ArrowLeft")
+    hand.wait(lambda: hand.said("#saved") == "Not saved")
+    assert "film.chair.toml" in hand.said("#message")
+
+
+def test_two_tabs_see_each_others_clicks(film: Path, serve: Serve, visit: Visit) -> None:
+    hand = visit(serve(film).url)
+    other = Hand(hand.page.context.new_page()).open(hand.page.url)
+    hand.press("w").point(50, 60).saved()
+    other.press("w")
+    other.wait(lambda: other.page.locator("#clicks li").count() == 1)
+    other.press("m").point(90, 60).saved()
+    hand.wait(lambda: hand.page.locator("#clicks li").count() == 2)
+    assert other.errors == []
 
 
 # --- a run that waits ---

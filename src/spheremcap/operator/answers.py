@@ -100,7 +100,7 @@ class AnswerFile:
         self._change(lambda there: [replace(a, marker=name) if a.marker == marker else a for a in there])
 
     def _change(self, change: Callable[[Sequence[Answer]], Sequence[Answer]]) -> None:
-        with self._changing, _alone(self.path.parent):
+        with self._changing, alone(self.path.parent):
             self._read()
             new = change(self._own())
             self._check(new)
@@ -110,16 +110,14 @@ class AnswerFile:
             self._read()
 
     def _read(self) -> None:
-        try:
-            found = os.stat(self.path)
-        except FileNotFoundError:
-            state, answers = None, self._given
+        state = state_of(self.path)
+        if state is None:
+            answers = self._given
+        elif state == self._seen:
+            return
         else:
-            state = (found.st_ino, found.st_mtime_ns, found.st_size)
-            if state == self._seen:
-                return
             # Of a file that was emptied on purpose no answer is left.
-            answers = tuple(load_seeds(self.path)) if found.st_size else ()
+            answers = tuple(load_seeds(self.path)) if state[2] else ()
         if state != self._seen or answers != self._answers:
             self._seen, self._answers = state, answers
             self.revision += 1
@@ -129,8 +127,17 @@ def _known_by(answer: Answer) -> tuple[str, str, int]:
     return kind_of(answer), answer.marker, answer.frame_index
 
 
+def state_of(path: Path) -> tuple[int, int, int] | None:
+    """By what a file is known to have changed: which it is, when it was written, its bytes. None: there is none."""
+    try:
+        found = os.stat(path)
+    except FileNotFoundError:
+        return None
+    return found.st_ino, found.st_mtime_ns, found.st_size
+
+
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
+def alone(folder: Path) -> Iterator[None]:
     """While it is open, no other spheremcap changes a file of this folder."""
     try:
         lock = os.open(folder, os.O_RDONLY)

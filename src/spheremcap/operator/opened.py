@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from spheremcap.api import aspect_of, resolve_camera
 from spheremcap.config import CameraSettings, MarkerSettings, Settings, load_settings
 from spheremcap.core.camera import Camera
+from spheremcap.core.chair import ChairClick
 from spheremcap.core.estimate import OperatorRequest
 from spheremcap.core.frame import Frame
 from spheremcap.core.marker import Answer, Seed
@@ -29,6 +30,7 @@ from spheremcap.io.pictures import Pictures, open_pictures, recorded_pictures
 from spheremcap.io.recording import STATE, UNREADABLE, request_of, schema_names
 from spheremcap.io.toml_file import first_problem, read_toml
 from spheremcap.operator.answers import AnswerFile, write_durably
+from spheremcap.operator.chair import ChairFile
 from spheremcap.operator.desk import HELD_BYTES
 from spheremcap.operator.lanes import Lanes
 from spheremcap.session import check_answers
@@ -38,6 +40,7 @@ Kind = Literal["video", "log", "recording", "attended"]
 _Answer = TypeVar("_Answer", bound=Answer)
 _HELD_BYTES = 16 << 20  # decompressed chunks that are kept: what is looked at lies close together
 _NAME = re.compile(r"[A-Za-z0-9_]{1,100}", re.ASCII)
+_NO_NAME = re.compile(r"[^A-Za-z0-9_-]+", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -66,10 +69,12 @@ class Opened:
 
     `path` is a video, a folder of pictures, an MCAP with pictures or a recording of ours, of which the run of one
     `camera` is shown (None: the first; `cameras` are all). Answers go into `answers` (NAME.seeds.toml beside it unless
-    `seeds` says another), the markers and the camera of what is not tracked yet into NAME.settings.toml or `settings`;
+    `seeds` says another), the clicks on the chair into NAME.chair.toml beside those (NAME.CAMERA.chair.toml where there
+    are several cameras), the markers and the camera of what is not tracked yet into NAME.settings.toml or `settings`;
     nothing else is written, and nothing outside of their folders. Frames are numbered as the tracker numbers them.
 
-    `attended` are the settings of a run that is going on, whose questions the page shows; they stand.
+    `attended` are the settings of a run that is going on, whose questions the page shows; they stand, and the chair is
+    not clicked on meanwhile.
 
     Raises SourceError for what cannot be read, UsageError where something has to be said.
     """
@@ -133,10 +138,29 @@ class Opened:
                 self._check,
                 f"{self.camera_name}/" if self.cameras else "",
             )
+            self.chair = None if attended is not None else self._chair_file(seeds_path)
+            """None while a run is going on."""
             self._files = files.pop_all()
         self._names = [marker.name for marker in self.markers] if attended is not None else []
         """Of a run that is going on: there will be no others."""
         self._camera: tuple[Settings, Camera, bool, str] | None = None
+
+    def _chair_file(self, seeds_path: Path) -> ChairFile:
+        stem = seeds_path.name.removesuffix(".toml").removesuffix(".seeds")
+        camera = f".{_NO_NAME.sub('_', self.camera_name)}" if self.cameras else ""
+        path = seeds_path.with_name(f"{stem}{camera}.chair.toml")
+        _check_kept(path, self.path)
+        if path.resolve() == self.settings_path.resolve():
+            raise UsageError(f"{path}: settings and clicks on the chair cannot be kept in one file")
+        return ChairFile(path, self.pictures.width_px, self.pictures.height_px)
+
+    def click(self, was: ChairClick | None, now: ChairClick | None) -> None:
+        """See `ChairFile.change`. Raises UsageError where the frame is not there, too."""
+        if self.chair is None:
+            raise UsageError("the chair is not clicked on while a run waits: open the video")
+        if now is not None and not self.first <= now.frame_index <= self.last:
+            raise UsageError(f"there is no frame {now.frame_index}: {self.first} to {self.last} are there")
+        self.chair.change(was, now)
 
     def _chosen(self, runs: Sequence[Run], camera: str | None) -> Run:
         """The run of that camera. Raises UsageError when there is none."""

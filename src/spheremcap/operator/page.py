@@ -13,6 +13,7 @@ from typing import Any
 
 from spheremcap import api
 from spheremcap.api import Asked
+from spheremcap.core.chair import CLICKED, RIM_POINTS, RIMS, ChairClick
 from spheremcap.core.circle import Circle
 from spheremcap.core.estimate import Status
 from spheremcap.core.frame import Frame
@@ -25,10 +26,11 @@ from spheremcap.io.course import STATUSES
 from spheremcap.io.pictures import Pictures
 from spheremcap.io.sources import FromMcap
 from spheremcap.operator.answers import kind_of
+from spheremcap.operator.chair import fit_rim
 from spheremcap.operator.desk import Desk
 from spheremcap.operator.lanes import HiddenLayer, State, StretchLayer
 from spheremcap.operator.opened import Opened, Request
-from spheremcap.operator.words import MEANING, failed
+from spheremcap.operator.words import CLICKED_ON, MEANING, failed, rim_said
 from spheremcap.operator.words import asked as asked_words
 from spheremcap.operator.work import Work, give_back
 from spheremcap.proposals import Proposal
@@ -117,6 +119,8 @@ class Page:
             "rate": None if source.stated_rate is None else float(source.stated_rate),
             "seeds_file": opened.answers.path.name,
             "settings_file": opened.settings_path.name,
+            "chair_file": None if opened.chair is None else opened.chair.path.name,
+            "clicked": [{"on": on, "name": CLICKED_ON[on][0], "what": CLICKED_ON[on][1]} for on in CLICKED],
             "author": self.author,
             "markers": [
                 {"name": m.name, "diameter_mm": round(m.diameter_m * 1000, 4), "colour": m.colour}
@@ -144,10 +148,14 @@ class Page:
         """What changes by itself: the job, and the numbers by which the page knows what to ask for again."""
         opened, job = self.opened, self.work.job
         opened.answers.answers()
+        if opened.chair is not None:
+            opened.chair.clicks()
+        chair = -1 if opened.chair is None else opened.chair.revision
         return {
-            "mark": f"{self.version}.{opened.answers.revision}",
+            "mark": f"{self.version}.{opened.answers.revision}.{chair}",
             "shows": self._shows(),
             "answers": opened.answers.revision,
+            "chair": chair,
             "lanes": -1 if opened.lanes is None else opened.lanes.revision,
             "trial": self.trial is not None,
             "asked": self._questions if self.question is not None else 0,
@@ -267,6 +275,41 @@ class Page:
         lanes = self.opened.lanes
         if lanes is not None and isinstance(answer, Hidden):
             lanes.correct(answer.marker, _known_by(answer), HiddenLayer(answer.frame_index, answer.to_frame_index))
+
+    # --- the chair ---
+
+    def chair(self) -> Json:
+        """The clicks on the chair, and how the points of each rim lie on an ellipse: `off_px` of a click is None where
+        nothing can be said of it, `outline` is the ellipse in the picture."""
+        opened = self.opened
+        clicks = () if opened.chair is None else opened.chair.clicks()
+        rows: list[Json] = [
+            {"on": c.on, "frame": c.frame_index, "x_px": c.x_px, "y_px": c.y_px, "off_px": None, "doubted": False}
+            for c in clicks
+        ]
+        rims = {}
+        for rim in RIMS:
+            numbers = [k for k, click in enumerate(clicks) if click.on == rim]
+            fit = fit_rim([clicks[k] for k in numbers], opened.camera()[0])
+            if fit is not None and len(numbers) > RIM_POINTS:
+                for place, k in enumerate(numbers):
+                    rows[k] |= {"off_px": round(fit.off_px[place], 2), "doubted": place == fit.doubted}
+            rims[rim] = {
+                "count": len(numbers),
+                "said": rim_said(len(numbers), fit),
+                "rms_px": None if fit is None or len(numbers) <= RIM_POINTS else round(fit.rms_px, 3),
+                "outline": [] if fit is None else fit.outline.round(2).tolist(),
+            }
+        return {"revision": -1 if opened.chair is None else opened.chair.revision, "clicks": rows, "rims": rims}
+
+    def click(self, was: ChairClick | None, now: ChairClick | None) -> Json:
+        """Put a click on the chair in the place of another, or (None) of none, or none in its place; on disk when this
+        returns. Raises UsageError."""
+        if was is None and now is None:
+            raise UsageError("a click is added, moved or taken out: neither was given")
+        self.opened.click(was, now)
+        self._news()
+        return self.chair()
 
     # --- a run that waits ---
 

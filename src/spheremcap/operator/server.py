@@ -29,6 +29,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from spheremcap.core.chair import ChairClick
 from spheremcap.core.circle import Circle
 from spheremcap.core.frame import BgrImage, Frame, Window
 from spheremcap.errors import OutputError, SpheremcapError, UsageError
@@ -90,6 +91,21 @@ class _Snap(_Body):
     marker: str = Field(max_length=100)
     frame: int = Field(ge=0, le=10**9)
     circle: _Circle
+
+
+class _Click(_Body):
+    on: str = Field(max_length=20)
+    frame: int = Field(ge=0, le=10**9)
+    x_px: float = _Px
+    y_px: float = _Px
+
+    def click(self) -> ChairClick:
+        return ChairClick(self.on, self.frame, self.x_px, self.y_px)
+
+
+class _ClickChange(_Body):
+    was: _Click | None = None
+    now: _Click | None = None
 
 
 class _Marker(_Body):
@@ -248,6 +264,14 @@ def application(page: Page) -> Starlette:
             }
         )
 
+    async def chair(request: Request) -> Response:
+        return JSONResponse(await run(page.chair))
+
+    async def click(request: Request) -> Response:
+        change = await _read(request, _ClickChange)
+        was, now = (None if one is None else one.click() for one in (change.was, change.now))
+        return JSONResponse(await run(page.click, was, now))
+
     async def marker(request: Request) -> Response:
         said = await _read(request, _Marker)
         await run(page.set_marker, said.name, said.diameter_mm / 1000, said.was, said.colour)
@@ -320,6 +344,8 @@ def application(page: Page) -> Starlette:
             post("/answer", answer),
             post("/take-back", take_back),
             post("/snap", snap),
+            Route("/chair", chair),
+            post("/click", click),
             post("/marker", marker),
             post("/drop-marker", drop_marker),
             post("/camera", camera),

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 
+from spheremcap.core.chair import RIM_POINTS
 from spheremcap.core.estimate import OperatorRequest, Status
+from spheremcap.operator.chair import RimFit
 
 FAILED = {
     "votes": "the six matchers do not agree enough",
@@ -31,6 +33,31 @@ MEANING = {
     Status.LOST: "lost",
     Status.OUT_OF_VIEW: "out of view",
 }
+
+CLICKED_ON = {
+    "left_axle": ("Left axle", "the centre of the left wheel's hub"),
+    "right_axle": ("Right axle", "the centre of the right wheel's hub"),
+    "left_rim": ("Left rim", "points all around the left push rim, on the middle line of its tube"),
+    "right_rim": ("Right rim", "points all around the right push rim, on the middle line of its tube"),
+    "front": ("Front", "a point of the chair that was measured, such as the front hub"),
+}
+"""What each thing of a chair is called, and where it is clicked; left and right are the athlete's."""
+
+
+def rim_said(count: int, fit: RimFit | None) -> str:
+    """How well so many points of a rim fit, "" where there are none."""
+    if count == 0:
+        return ""
+    if count < RIM_POINTS:
+        return f"{count} of at least {RIM_POINTS} points"
+    if fit is None:
+        return "they lie on no ellipse: spread them over all that shows of the rim"
+    if count == RIM_POINTS:
+        return "an ellipse goes through any five: one more shows how well they fit"
+    said = f"{fit.rms_px:.2f} px off the ellipse (rms)"
+    if fit.rms_without_px is not None:
+        return f"{said}; {fit.rms_without_px:.2f} px without the one that is marked: is it on the rim?"
+    return f"{said}; with one more, a wrong one can be told" if count == RIM_POINTS + 1 else said
 
 
 def failed(reasons: Sequence[str]) -> list[str]:

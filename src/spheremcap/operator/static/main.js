@@ -1,5 +1,6 @@
 /** The page: what is open, what is asked, what a person does about it. */
 
+import { CHAIR_COLOURS, Chair } from "./chair.js";
 import { get, post, send } from "./http.js";
 import { Pictures } from "./pictures.js";
 import { TimeLine } from "./timeline.js";
@@ -65,6 +66,7 @@ setInterval(() => { $("busy").hidden = !pictures.waiting; }, 150);
 
 const view = new View($("picture"), {
   moved: (circle, done) => { draft(circle); if (done && $("auto-snap").checked) snap(); },
+  pointed: (k, at, done) => chair.hold(k, S.frame, at, done),
   zoomed: (scale) => { $("zoom").textContent = `${Math.round(scale * 100)} %`; },
 });
 const line = new TimeLine($("lanes"), (frame, done) => go(frame, !done));
@@ -174,7 +176,9 @@ function overlays() {
     }
   }
   for (const p of exact ? S.proposed : []) if (p.frame === S.frame) drawn.push({ circle: circleOf(p.circle), colour: "#ffffff", dash: [2, 4], label: p.colour });
+  if (chair.open) { view.circle = null; drawn.length = 0; }
   view.drawn = drawn;
+  chairDrawn(exact);
   view.draw();
   said();
 }
@@ -202,6 +206,12 @@ function said() {
 
 /** What to do first, over the picture, as long as there is nothing. */
 function hint() {
+  if (chair.open) {
+    const { name, what } = S.session.clicked.find((/** @type {any} */ one) => one.on === chair.on);
+    $("hint").textContent = `${name}: click ${what}.`;
+    $("hint").hidden = false;
+    return;
+  }
   const s = S.session, without = s.markers.find((/** @type {any} */ m) => !S.answers.some((a) => a.kind === "circle" && a.marker === m.name));
   let text = "";
   if (["video", "log"].includes(s.kind) && !S.drafts.size && S.job?.ended !== "") {
@@ -233,6 +243,120 @@ function facts() {
   if (snapped.distance_m !== null) say("Distance", `${snapped.distance_m.toFixed(3)} m ± ${(snapped.distance_sd_m * 1000).toFixed(0)} mm`);
   say("Colours select", `${snapped.selected} pixels around here`);
   if (doubt) say("But", doubt, true);
+}
+
+// --- the chair ---
+
+const chair = new Chair({
+  changed: () => { if (S.session) { chairList(); overlays(); remember(); } },
+  saving: () => saved("saving", "Saving"),
+  saved: () => { saved("done", `Saved ${new Date().toLocaleTimeString()} in ${S.session.chair_file}`); message(""); },
+  failed: (error) => { saved("failed", "Not saved"); message(error.message); },
+});
+
+/** @param {boolean} open */
+function openChair(open) {
+  chair.open = open && S.session.chair_file !== null;
+  chair.held = null;
+  view.pointing = chair.open;
+  document.body.classList.toggle("chair", chair.open);
+  $("chair-in-hand").hidden = !chair.open;
+  $("chair-open").setAttribute("aria-pressed", String(chair.open));
+  $("chair-open").textContent = chair.open ? "Back to the markers (W)" : "Click its wheels (W)";
+  $("chair-file").textContent = S.session.chair_file ?? "";
+  if (chair.open) view.mask = null; else mask();
+  chairList();
+  overlays();
+  remember();
+}
+
+/** @param {string} on */
+const nameOf = (on) => S.session.clicked.find((/** @type {any} */ one) => one.on === on).name;
+
+/** What a click is called: those of a rim have numbers. @param {import("./chair.js").Click[]} clicks @param {number} k */
+function clickName(clicks, k) {
+  const { on } = clicks[k];
+  return on.endsWith("_rim") ? `${nameOf(on)} ${clicks.slice(0, k + 1).filter((click) => click.on === on).length}` : nameOf(on);
+}
+
+/** The points over the picture; a camera that is fixed to the chair has them on every frame. @param {boolean} exact */
+function chairDrawn(exact) {
+  const clicks = chair.open && exact ? chair.shown() : [];
+  view.points = clicks.map((click, k) => {
+    const chosen = chair.held ? (chair.held.k < 0 ? k === clicks.length - 1 : k === chair.held.k) : k === chair.chosen;
+    const label = click.doubted ? `${clickName(clicks, k)}?` : chosen || !click.on.endsWith("_rim") ? clickName(clicks, k) : undefined;
+    return { x: click.x_px, y: click.y_px, colour: CHAIR_COLOURS[click.on], chosen, faint: click.frame !== S.frame, label };
+  });
+  view.outlines = clicks.length ? Object.entries(chair.rims).filter(([, rim]) => rim.outline.length).map(([on, rim]) => ({ outline: rim.outline, colour: CHAIR_COLOURS[on] })) : [];
+}
+
+function chairList() {
+  const there = $("clicked").querySelector("input:focus") !== null, listed = $("clicks").contains(document.activeElement), clicks = chair.clicks;
+  $("clicked").replaceChildren(...S.session.clicked.map(({ on, name }) => {
+    const label = document.createElement("label"), radio = document.createElement("input"), sign = document.createElement("span"), size = document.createElement("span");
+    Object.assign(radio, { type: "radio", name: "clicked", value: on, checked: on === chair.on });
+    radio.onchange = () => clickNext(on);
+    sign.className = "chip"; sign.style.background = CHAIR_COLOURS[on];
+    size.className = "size number"; size.textContent = String(clicks.filter((click) => click.on === on).length || "");
+    label.append(radio, sign, name, size);
+    return label;
+  }));
+  $("rims-said").replaceChildren(...Object.entries(chair.rims).filter(([, rim]) => rim.said).map(([on, rim]) => {
+    const p = document.createElement("p");
+    p.textContent = `${nameOf(on)}: ${rim.said}`;
+    if (clicks.some((click) => click.on === on && click.doubted)) p.className = "doubt";
+    return p;
+  }));
+  $("clicks").replaceChildren(...clicks.map((click, k) => {
+    const item = document.createElement("li"), off = typeof click.off_px === "number" ? `, ${click.off_px.toFixed(2)} px off` : "";
+    const where = button(`${clickName(clicks, k)}: ${click.x_px.toFixed(1)}, ${click.y_px.toFixed(1)} on frame ${click.frame}${off}${click.doubted ? " – is it on the rim?" : ""}`, () => { chair.choose(k); go(click.frame); });
+    where.className = "go";
+    where.setAttribute("aria-current", String(k === chair.chosen));
+    const back = button("✕", () => chair.remove(k));
+    back.setAttribute("aria-label", `Take out: ${clickName(clicks, k)}`);
+    item.append(where, back);
+    return item;
+  }));
+  $("chair-undo").disabled = !chair.done.length;
+  $("chair-remove").disabled = chair.chosen < 0;
+  // What has the focus is made anew: it goes on where it was.
+  if (there) $("clicked").querySelector("input:checked")?.focus();
+  if (listed) ($("clicks").querySelector(".go[aria-current=true]") ?? $("clicks").querySelector(".go") ?? $("picture")).focus({ preventScroll: true });
+  $("clicks").querySelector("[aria-current=true]")?.scrollIntoView({ block: "nearest" });
+}
+
+/** @param {string} on */
+function clickNext(on) {
+  chair.on = on;
+  chair.choose(clickOf(on));
+}
+
+/** The one click on what has one, -1 for a rim. @param {string} on */
+function clickOf(on) { return on.endsWith("_rim") ? -1 : chair.clicks.findIndex((click) => click.on === on); }
+
+function zoomClick() {
+  const click = chair.clicks[chair.chosen];
+  if (click) view.zoomTo({ x: click.x_px, y: click.y_px, r: 8 }); else message("No click is chosen.");
+}
+
+/** What the keys mean while the chair is clicked; the others move through the frames and the picture as ever.
+ * @param {KeyboardEvent} e @param {number} fine @param {number} way @returns {Record<string, () => void>} */
+function chairKeys(e, fine, way) {
+  const things = S.session.clicked.map((/** @type {any} */ one) => one.on), count = chair.clicks.length, none = () => {};
+  /** @param {number} to */
+  const turn = (to) => { if (count) chair.choose((to + count) % count); };
+  const away = () => chair.remove();
+  return {
+    ...(e.shiftKey ? {
+      ArrowLeft: () => chair.nudge(-fine, 0, S.frame), ArrowRight: () => chair.nudge(fine, 0, S.frame),
+      ArrowUp: () => chair.nudge(0, -fine, S.frame), ArrowDown: () => chair.nudge(0, fine, S.frame),
+    } : {}),
+    "[": () => turn((chair.chosen < 0 ? count : chair.chosen) - 1), "]": () => turn(chair.chosen + 1),
+    m: () => clickNext(things[(things.indexOf(chair.on) + way + things.length) % things.length]),
+    c: () => { if (S.shown === S.frame) chair.hold(-1, S.frame, view.middle(), true); },
+    u: () => chair.undo(), Backspace: away, Delete: away, z: zoomClick, Escape: () => openChair(false),
+    x: none, Enter: none, h: none, k: none, y: none, a: none, d: none, r: none, s: none, l: none,
+  };
 }
 
 // --- the circle in hand ---
@@ -661,6 +785,7 @@ async function listen() {
       if (now.written !== S.session.written) { S.session.written = now.written; }
       if (now.answers !== S.answersRevision) { takeAnswers(await get("/answers")); S.session = await get("/session"); markers(!$("marker-form").contains(document.activeElement)); }
       if (now.lanes !== S.lanesRevision || now.answers !== S.seenByLanes) { S.seenByLanes = now.answers; await takeLanes(); }
+      if (now.chair !== chair.revision && S.session.chair_file !== null) await chair.fetch();
       if (now.trial !== Boolean(S.trial)) await takeTrial();
       if (S.session.kind === "attended" && now.asked !== S.asked) await question(now.asked);
       actions();
@@ -701,7 +826,7 @@ function job(now) {
 
 /** What a reload brings back. */
 function remember() {
-  sessionStorage.setItem("at", JSON.stringify({ shows: S.session.shows, frame: S.frame, marker: S.marker, request: S.request, hiddenFrom: S.hiddenFrom, drafts: [...S.drafts] }));
+  sessionStorage.setItem("at", JSON.stringify({ shows: S.session.shows, frame: S.frame, marker: S.marker, request: S.request, hiddenFrom: S.hiddenFrom, drafts: [...S.drafts], chair: chair.open, on: chair.on }));
 }
 
 async function boot() {
@@ -735,6 +860,11 @@ async function boot() {
   setHiddenFrom(was?.hiddenFrom ?? null);
   await takeLanes();
   await takeTrial();
+  $("chair").hidden = s.chair_file === null;
+  chair.forget();
+  if (s.chair_file !== null) await chair.fetch();
+  if (was?.on) chair.on = was.on;
+  openChair(Boolean(was?.chair));
   const first = S.answers.filter((a) => a.kind === "circle").map((a) => a.frame).sort((a, b) => a - b)[0];
   go(was?.frame ?? first ?? s.first);
   if (S.request >= 0 && S.requests[S.request]) { const at = S.frame; await select(S.request); go(at); }
@@ -755,7 +885,7 @@ on("back", () => go(S.frame - 1)); on("forward", () => go(S.frame + 1));
 on("back-10", () => go(S.frame - 10)); on("forward-10", () => go(S.frame + 10));
 on("next-doubtful", () => jumpDoubtful(1)); on("next-request", () => jumpRequest(1)); on("next-seed", () => jumpAnswer(1));
 on("zoom-in", () => view.zoom(1.5)); on("zoom-out", () => view.zoom(1 / 1.5)); on("zoom-fit", () => view.fit());
-on("zoom-circle", zoomCircle);
+on("zoom-circle", () => { if (chair.open) zoomClick(); else zoomCircle(); });
 on("snap", snap); on("save", saveCircle); on("clear", () => draft(null));
 on("accept", accept); on("discard", discard);
 on("stop", () => attempt(() => post("/stop")));
@@ -766,6 +896,7 @@ on("give-circle", newCircle); on("later", () => attempt(() => post("/later")));
 on("hide-all", () => { const r = S.requests[S.request]; if (r) saveHidden(r.first_unverified, lastOf(r)); }); on("keep", keep);
 on("see-last", () => { const r = S.requests[S.request]; if (r?.last_verified !== null) go(r.last_verified); });
 on("see-first", () => go(S.requests[S.request].first_unverified));
+on("chair-open", () => openChair(!chair.open)); on("chair-undo", () => chair.undo()); on("chair-remove", () => chair.remove());
 on("help", () => $("keys").showModal());
 on("line-in", () => line.zoom(0.5)); on("line-out", () => line.zoom(2));
 on("marker-new", () => { $("marker-form").dataset.was = ""; $("marker-name").value = freeName(); $("marker-colour").value = ""; $("marker-save").textContent = "Add marker"; $("marker-drop").hidden = $("marker-new").hidden = true; $("marker-name").focus(); });
@@ -813,6 +944,7 @@ document.addEventListener("keydown", (e) => {
   if ($("keys").open) return;
   const typing = target instanceof HTMLInputElement && !["radio", "checkbox"].includes(target.type) || target instanceof HTMLSelectElement;
   if (typing) { if (e.key === "Escape") target.blur(); if (e.key === "Enter" && ["frame", "time", "x", "y", "r"].includes(target.id)) target.blur(); return; }
+  if (chair.open && (e.ctrlKey || e.metaKey) && e.key === "z") { e.preventDefault(); chair.undo(); return; }
   if (e.ctrlKey || e.metaKey || !S.session) return;
   const fine = e.altKey ? 0.1 : 1, radio = target instanceof HTMLInputElement && target.type === "radio";
   const press = target instanceof HTMLButtonElement && (e.key === "Enter" || e.key === " ");
@@ -832,6 +964,7 @@ document.addEventListener("keydown", (e) => {
     c: newCircle, x: snap, Enter: saveCircle, h: hide, k: keep, y: () => trackAgain(), a: accept,
     Escape: () => { if (S.trial) discard(); else if (S.hiddenFrom !== null) setHiddenFrom(null); }, Backspace: () => draft(null), Delete: () => draft(null),
     "+": () => view.zoom(1.5), "=": () => view.zoom(1.5), "-": () => view.zoom(1 / 1.5), 0: () => view.fit(), z: zoomCircle, "?": () => $("keys").showModal(),
+    w: () => openChair(!chair.open), ...(chair.open ? chairKeys(e, fine, way) : {}),
   };
   const act = keys[e.key] ?? keys[e.key.toLowerCase()] ?? { BracketLeft: keys["["], BracketRight: keys["]"] }[e.code];
   if (act) { e.preventDefault(); act(); }

@@ -1,4 +1,4 @@
-/** The picture on its canvas: zoom to single pixels, circles over it, and the circle that the hand moves. */
+/** The picture on its canvas: zoom to single pixels, circles and points over it, and the one that the hand moves. */
 
 const LARGEST_SCALE = 60;
 const GRIP_PX = 9;
@@ -6,10 +6,11 @@ const PIXELS_FROM = 4; // screen pixels to a picture's pixel, from which they ar
 
 /** @typedef {{x: number, y: number, r: number}} Circle */
 /** @typedef {{circle: Circle, colour: string, dash?: number[], width?: number, label?: string}} Drawn */
+/** @typedef {{x: number, y: number, colour: string, chosen: boolean, faint: boolean, label?: string}} Point */
 
 export class View {
   /** @param {HTMLCanvasElement} canvas
-   * @param {{moved: (circle: Circle, done: boolean) => void, zoomed: (scale: number) => void}} on */
+   * @param {{moved: (circle: Circle, done: boolean) => void, pointed: (k: number, at: {x: number, y: number}, done: boolean) => void, zoomed: (scale: number) => void}} on */
   constructor(canvas, on) {
     this.canvas = canvas;
     this.on = on;
@@ -25,6 +26,9 @@ export class View {
     /** @type {Circle | null} */ this.circle = null;
     this.colour = "#fff";
     /** @type {Drawn[]} */ this.drawn = [];
+    this.pointing = false; // a press takes hold of a point or sets one, not a circle
+    /** @type {Point[]} */ this.points = [];
+    /** @type {{outline: number[][], colour: string}[]} */ this.outlines = [];
     /** @type {{image: HTMLImageElement, window: number[]} | null} */ this.mask = null;
     /** @type {{image: ImageBitmap, x: number, y: number, width: number, height: number, frame: number} | null} */
     this.patch = null;
@@ -107,10 +111,21 @@ export class View {
     return off < r + GRIP_PX ? "centre" : "new";
   }
 
+  /** The nearest point that a press there takes hold of, -1 for none. @param {number} x @param {number} y */
+  pointAt(x, y) {
+    const off = this.points.map((p) => Math.hypot(x - this.toScreenX(p.x), y - this.toScreenY(p.y)));
+    const k = off.indexOf(Math.min(...off));
+    return k >= 0 && off[k] <= GRIP_PX ? k : -1;
+  }
+
+  /** What of the picture is in the middle of the screen. */
+  middle() { return this.toPicture(this.canvas.clientWidth / 2, this.canvas.clientHeight / 2); }
+
   /** @param {PointerEvent} e */
   hover(e) {
     if (e.buttons) return;
-    const grip = this.space ? "pan" : this.grip(e.offsetX, e.offsetY);
+    const held = this.pointing ? (this.pointAt(e.offsetX, e.offsetY) < 0 ? "new" : "centre") : this.grip(e.offsetX, e.offsetY);
+    const grip = this.space ? "pan" : held;
     this.canvas.style.cursor = { rim: "nwse-resize", centre: "move", new: "crosshair", pan: "grab" }[grip];
   }
 
@@ -121,8 +136,13 @@ export class View {
     const start = { x: e.offsetX, y: e.offsetY, left: this.left, top: this.top };
     const panning = this.space || e.button !== 0;
     const grip = this.grip(e.offsetX, e.offsetY);
+    const pointing = this.pointing && !panning && this.exact;
+    const held = pointing ? this.pointAt(e.offsetX, e.offsetY) : -1;
+    const from = { ...this.points[held] };
     const before = this.circle && { ...this.circle };
     const at = this.toPicture(e.offsetX, e.offsetY);
+    let place = held < 0 ? at : { x: from.x, y: from.y };
+    if (pointing) this.on.pointed(held, place, false);
     /** @param {PointerEvent} m */
     const move = (m) => {
       const to = this.toPicture(m.offsetX, m.offsetY);
@@ -131,6 +151,10 @@ export class View {
         this.top = start.top + m.offsetY - start.y;
         this.fitted = false;
         this.draw();
+      } else if (this.pointing) {
+        if (!pointing) return;
+        place = held < 0 ? to : { x: from.x + to.x - at.x, y: from.y + to.y - at.y };
+        this.on.pointed(held, place, false);
       } else if (grip === "rim" && before) {
         this.circle = { ...before, r: Math.max(1, Math.hypot(to.x - before.x, to.y - before.y)) };
       } else if (grip === "centre" && before) {
@@ -140,13 +164,14 @@ export class View {
         if (r * this.scale < 3) return;
         this.circle = { x: at.x, y: at.y, r: Math.max(1, r) };
       }
-      if (!panning && this.circle) { this.on.moved(this.circle, false); this.draw(); }
+      if (!panning && !this.pointing && this.circle) { this.on.moved(this.circle, false); this.draw(); }
     };
     const up = () => {
       this.canvas.removeEventListener("pointermove", move);
       this.canvas.removeEventListener("pointerup", up);
       this.canvas.removeEventListener("pointercancel", up);
       if (panning) this.fetchPixels();
+      else if (this.pointing) { if (pointing) this.on.pointed(held, place, true); }
       else if (this.circle && (!before || ["x", "y", "r"].some((k) => this.circle?.[k] !== before[k]))) this.on.moved(this.circle, true);
     };
     this.canvas.setPointerCapture(e.pointerId);
@@ -205,6 +230,8 @@ export class View {
       context.drawImage(this.mask.image, this.left + x * this.scale, this.top + y * this.scale, width * this.scale, height * this.scale);
     }
     for (const one of this.drawn) this.ring(one);
+    for (const one of this.outlines) this.outline(one);
+    for (const one of this.points) this.cross(one);
     if (this.circle) {
       this.ring({ circle: this.circle, colour: this.colour, width: 2.5 });
       const x = this.toScreenX(this.circle.x), y = this.toScreenY(this.circle.y);
@@ -228,12 +255,41 @@ export class View {
     context.setLineDash([]); context.strokeStyle = "rgb(0 0 0 / .55)"; context.lineWidth = width + 2; context.stroke();
     context.setLineDash(dash); context.strokeStyle = colour; context.lineWidth = width; context.stroke();
     context.setLineDash([]);
-    if (label) {
-      context.font = "600 13px system-ui, sans-serif";
-      const wide = context.measureText(label).width;
-      const lx = Math.min(Math.max(4, x - wide / 2), this.canvas.clientWidth - wide - 4), ly = y - r - 8 > 16 ? y - r - 8 : y + r + 18;
-      context.fillStyle = "rgb(0 0 0 / .65)"; context.fillRect(lx - 4, ly - 13, wide + 8, 18);
-      context.fillStyle = "#fff"; context.fillText(label, lx, ly);
+    if (label) this.label(label, x, y, r);
+  }
+
+  /** A text over a place on the screen, or under it where there is no room. @param {string} text @param {number} x @param {number} y @param {number} r */
+  label(text, x, y, r) {
+    const { context } = this;
+    context.font = "600 13px system-ui, sans-serif";
+    const wide = context.measureText(text).width;
+    const lx = Math.min(Math.max(4, x - wide / 2), this.canvas.clientWidth - wide - 4), ly = y - r - 8 > 16 ? y - r - 8 : y + r + 18;
+    context.fillStyle = "rgb(0 0 0 / .65)"; context.fillRect(lx - 4, ly - 13, wide + 8, 18);
+    context.fillStyle = "#fff"; context.fillText(text, lx, ly);
+  }
+
+  /** A closed line of the picture. @param {{outline: number[][], colour: string}} one */
+  outline({ outline, colour }) {
+    const { context } = this;
+    context.beginPath();
+    for (const [x, y] of outline) context.lineTo(this.toScreenX(x), this.toScreenY(y));
+    context.closePath();
+    for (const [style, width] of /** @type {[string, number][]} */ ([["rgb(0 0 0 / .5)", 3], [colour, 1.2]])) {
+      context.strokeStyle = style; context.lineWidth = width; context.stroke();
     }
+  }
+
+  /** A point, with its very place left open so that it can be seen. @param {Point} point */
+  cross({ x: px, y: py, colour, chosen, faint, label }) {
+    const { context } = this, x = this.toScreenX(px), y = this.toScreenY(py), arm = chosen ? 14 : 9;
+    context.globalAlpha = faint ? 0.55 : 1;
+    context.beginPath();
+    for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) { context.moveTo(x + 3 * dx, y + 3 * dy); context.lineTo(x + arm * dx, y + arm * dy); }
+    if (chosen) { context.moveTo(x + 10, y); context.arc(x, y, 10, 0, 2 * Math.PI); }
+    for (const [style, width] of /** @type {[string, number][]} */ ([["rgb(0 0 0 / .7)", 4], [colour, 2]])) {
+      context.strokeStyle = style; context.lineWidth = width; context.stroke();
+    }
+    context.globalAlpha = 1;
+    if (label) this.label(label, x, y, arm);
   }
 }
