@@ -17,6 +17,9 @@ from typing import Literal
 
 from pydantic import ValidationError
 
+from spheremcap.analysis import job as analysing
+from spheremcap.analysis.job import AnalysisReport
+from spheremcap.analysis.settings import AnalysisSettings
 from spheremcap.attended import Asked, Attended, Operator
 from spheremcap.config import CameraSettings, MarkerSettings, Settings, seeds_toml
 from spheremcap.core.camera import Camera
@@ -55,6 +58,7 @@ from spheremcap.snap import Snap, snapped
 from spheremcap.stretch import Stretch, Terms, base_seeds
 
 __all__ = [
+    "AnalysisReport",
     "Asked",
     "Dataset",
     "Found",
@@ -66,6 +70,7 @@ __all__ = [
     "Source",
     "Stretch",
     "TrackReport",
+    "analyse",
     "find",
     "merge",
     "open",
@@ -765,3 +770,28 @@ def _log_change(log: McapLog, estimate: MarkerEstimate, before: dict[str, Status
         log.log("INFO", f"{name} left the picture at {at}", estimate.stamp_ns)
     elif was in (Status.LOST, Status.OUT_OF_VIEW):
         log.log("INFO", f"{name} found again at {at}", estimate.stamp_ns)
+
+
+def analyse(
+    recording: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    settings: AnalysisSettings | None = None,
+    *,
+    folder: Path = Path(),
+    fill_ms: float = 0.0,
+    inputs: Sequence[Path] = (),
+    overwrite: bool = False,
+    progress: Progress = lambda done, total: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> AnalysisReport:
+    """Find strokes, angles and lengths in a tracked or merged recording, and write it again with them beside the rest.
+
+    The output has every message of the recording as it is. Tables and a page for the session are written beside it
+    (`AnalysisReport.files`). `folder` is where relative paths in the settings start. Where a marker was not measured
+    nothing is told that needs it, but in gaps of at most `fill_ms`, which the smoothed path then stands in for, marked
+    as such. What could not be had is in the report's notes. Raises SpheremcapError.
+    """
+    return analysing.analyse(
+        Path(recording), Path(output), settings or AnalysisSettings(), folder=folder, fill_ms=fill_ms, inputs=inputs,
+        overwrite=overwrite, progress=progress, stop=stop,
+    )  # fmt: skip

@@ -34,8 +34,8 @@ _WHEEL_GAP_S = 0.1
 
 @dataclass(frozen=True)
 class Session:
-    """What of a recording an analysis is made of. `readout_s` is the rolling shutter's (None: nobody knows); `clocks`
-    says how each input's clock was set, in words."""
+    """What of a recording an analysis is made of. `readout_s` is the rolling shutter's (None: nobody knows); `requests`
+    counts the open ones by marker, `clocks` has what a merge wrote of each input's clock."""
 
     name: str
     poses: Mapping[str, Poses]
@@ -43,7 +43,7 @@ class Session:
     camera: Camera | None
     readout_s: float | None
     requests: Mapping[str, int]
-    clocks: Mapping[str, str]
+    clocks: Mapping[str, Mapping[str, str]]
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,20 @@ class Findings:
     lengths: tuple[SegmentLength, ...]
     quality: tuple[MarkerQuality, ...]
     notes: tuple[str, ...]
+
+    def about(self, side: str, part: slice) -> dict[str, FloatArray]:
+        """Of a part of the frames the wrist's angle about the axle and its gap outward of the push's circle, (M,) each,
+        by their names in spheremcap.ArmSample; none of a hand that never goes along a rim."""
+        hand = self.hands.get(side)
+        if hand is None or not np.isfinite(hand.push_radius_m) or self.chair is None:
+            return {}
+        about = self.arms[side].about(hand.wheel, part)
+        sd = np.sqrt(np.diagonal(about.covariance, axis1=1, axis2=2))
+        found = {"gap_mm": (about.radius_m - hand.push_radius_m) * 1e3, "gap_sd_mm": sd[:, 0] * 1e3}
+        if self.chair.upright:
+            found["angle_deg"] = (np.degrees(about.angle_rad) + 90) % 360 - 90
+            found["angle_sd_deg"] = np.degrees(sd[:, 1] / about.radius_m)
+        return found
 
 
 def findings_of(

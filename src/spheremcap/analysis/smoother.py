@@ -58,11 +58,15 @@ class JointTrack:
 
     def covariance(self, part: slice = slice(None)) -> FloatArray:
         """(M, 3, 3) of a part's positions, m^2."""
-        packed = self.packed[part]
-        out = np.empty((len(packed), 3, 3))
-        for k, (i, j) in enumerate(PAIRS):
-            out[:, i, j] = out[:, j, i] = packed[:, k]
-        return out
+        return unpacked(self.packed[part])
+
+
+def unpacked(packed: npt.NDArray[np.float32]) -> FloatArray:
+    """Symmetric matrices (M, 3, 3) of their elements (M, 6) as in `PAIRS`."""
+    out = np.empty((len(packed), 3, 3))
+    for k, (i, j) in enumerate(PAIRS):
+        out[:, i, j] = out[:, j, i] = packed[:, k]
+    return out
 
 
 @dataclass(frozen=True)

@@ -68,12 +68,11 @@ class Hand:
 
 @dataclass(frozen=True)
 class HandStrokes:
-    """What was found of one hand: the wrist about its axle, the push's circle, events and strokes by time, and what
-    could not be had, in a line each."""
+    """What was found of one hand: the wheel and the push's circle about its hub (NaN: it never goes along a rim),
+    events and strokes by time, and what could not be had, in a line each."""
 
-    about: AboutAxle
+    wheel: Wheel
     push_radius_m: float
-    on_rim: BoolArray
     events: tuple[StrokeEvent, ...]
     strokes: tuple[Stroke, ...]
     notes: tuple[str, ...]
@@ -87,8 +86,7 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
     turning = None if hand.turned_rad is None else np.gradient(hand.turned_rad, hand.t_s)
     radius = _push_radius(about, rate, turning, rim_radius_m)
     if radius is None:
-        nothing = np.zeros(len(track), np.bool_)
-        return HandStrokes(about, np.nan, nothing, (), (), (f"{hand.side} hand: it never goes along a rim",))
+        return HandStrokes(hand.wheel, np.nan, (), (), (f"{hand.side} hand: it never goes along a rim",))
     near = (np.abs(np.nan_to_num(about.radius_m, nan=np.inf) - radius) < _ON_RIM_M) & ~leaving
     pushes = _pushes(hand, about, near & _along(rate, turning))
     if turning is None and pushes:
@@ -98,9 +96,6 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
         hand.t_s[seen], about.radius_m[seen], about.angle_rad[seen] * radius, about.covariance[seen] * noise**2,
         None if hand.turned_rad is None else hand.turned_rad[seen], radius, hand.frame_s,
     )  # fmt: skip
-    on_rim = np.zeros(len(track), np.bool_)
-    for first, last in pushes:
-        on_rim[first : last + 1] = True
     told = [_instants(path, hand.t_s, pushes, k) for k in range(len(pushes))]
     events, strokes = [], []
     for number, (contact, release) in enumerate(told):
@@ -111,7 +106,7 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
         strokes.append(_stroke(hand, about, radius, number, contact, release, following, pushes))
     kept = tuple(stroke for stroke in strokes if stroke is not None)
     notes = tuple(f"{hand.side} hand, stroke {s.stroke}: {s.missing}" for s in kept if s.missing)
-    return HandStrokes(about, radius, on_rim, tuple(events), kept, notes)
+    return HandStrokes(hand.wheel, radius, tuple(events), kept, notes)
 
 
 def _going(hand: Hand) -> tuple[FloatArray, BoolArray]:

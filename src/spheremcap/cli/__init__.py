@@ -11,6 +11,7 @@ import typer
 
 from spheremcap import __version__
 from spheremcap.cli import (
+    analyse,
     annotate,
     config,
     evaluate,
@@ -69,7 +70,8 @@ def _root(
 
 
 for verb in (
-    annotate.annotate, track.track, retrack.retrack, merge.merge, recover.recover, sync.sync, info.info, layout.layout,
+    annotate.annotate, track.track, retrack.retrack, merge.merge, analyse.analyse, recover.recover, sync.sync,
+    info.info, layout.layout,
     export.export, render.render, plot.plot, view.view, live.live,
     evaluate.evaluate, experiment.experiment, synth.synth,
 ):  # fmt: skip

@@ -1,8 +1,8 @@
 """A hand takes hold of the rim and lets it go: events and strokes of one hand.
 
-The chair's frame has its origin midway between the hubs of the rear wheels, x forward, y to the athlete's left, z up, in
-metres. Angles about the axle are in degrees from straight up, growing as the wheel turns when the chair goes forward. An
-`_sd` is a standard deviation in the unit of its value; None is no such value.
+The chair's frame has its origin midway between the hubs of the rear wheels, x forward, y to the athlete's left, z up,
+in metres. Angles about the axle are in degrees from straight up, growing as the wheel turns when the chair goes
+forward. An `_sd` is a standard deviation in the unit of its value; None is no such value.
 """
 
 from dataclasses import dataclass

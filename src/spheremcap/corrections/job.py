@@ -10,7 +10,7 @@ from spheremcap.config import seeds_toml
 from spheremcap.core.estimate import Status
 from spheremcap.core.marker import Answer, Seed
 from spheremcap.corrections.footage import Footage
-from spheremcap.corrections.rewriting import Rewriting, same
+from spheremcap.corrections.rewriting import Rewriting
 from spheremcap.corrections.run import (
     ANSWERS,
     Run,
@@ -28,7 +28,7 @@ from spheremcap.io.join import OutMessage
 from spheremcap.io.mcap_log import OUTCOME_METADATA, RUN_METADATA
 from spheremcap.io.mcap_records import McapRecords, Piece
 from spheremcap.io.output import records_output
-from spheremcap.io.rewrite import ChunkWriter
+from spheremcap.io.rewrite import ChunkWriter, copy_piece, same, write_piece
 from spheremcap.stretch import Corrected, Stretch, base_seeds, correct
 
 
@@ -146,17 +146,15 @@ def retrack(
 
 def _write_piece(records: McapRecords, piece: Piece, work: Sequence[Rewriting], writer: ChunkWriter) -> None:
     """One chunk: as it is, where nothing in it changes."""
-    stored = None if any(run.changes(piece) for run in work) else records.stored(piece)
-    if stored is not None:
-        writer.copy(piece, *stored)
+    if not any(run.changes(piece) for run in work):
+        copy_piece(records, piece, writer)
         return
     out: list[OutMessage] = []
     for raw in records.messages_of(piece):
         changed = (made for run in work if (made := run.rewritten(raw)) is not None)
         found = next(changed, None)
         out += [same(raw)] if found is None else found
-    defined = records.defined_in(piece) if piece.compression is not None else ()
-    writer.write(out, "zstd" if piece.compression is None else piece.compression, defined)
+    write_piece(records, piece, out, writer)
 
 
 _Done = Sequence[tuple[Run, list[Answer], dict[str, Corrected], Footage | None]]

@@ -18,7 +18,7 @@ from spheremcap.io.mcap_log import SEQUENCES_A_FRAME, TRAIL_NS, Scene, debug_mes
 from spheremcap.io.mcap_records import McapRecords, Piece, RawMessage
 from spheremcap.io.messages import Message
 from spheremcap.io.recording import request_of
-from spheremcap.io.rewrite import ChunkWriter
+from spheremcap.io.rewrite import ChunkWriter, same
 from spheremcap.io.states import as_before, channels_before, is_answered
 from spheremcap.io.topics import ANSWERED, REPLACED
 from spheremcap.session import hidden_estimate
@@ -294,7 +294,3 @@ class Rewriting:
                 if len(stretch):
                     lines.setdefault(stretch.frames[0], []).append(told_of(stretch))
         return lines
-
-
-def same(raw: RawMessage) -> OutMessage:
-    return OutMessage(raw.log_time, raw.publish_time, raw.sequence, raw.channel.id, raw.data)

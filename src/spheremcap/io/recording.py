@@ -43,7 +43,8 @@ TextArray = npt.NDArray[np.str_]
 STATE = _pb.MarkerState.DESCRIPTOR.full_name
 REQUEST = _pb.OperatorRequest.DESCRIPTOR.full_name
 CALIBRATION = CameraCalibration.DESCRIPTOR.full_name
-SENSORS = (_pb.ImuSample.DESCRIPTOR.full_name, _pb.WheelSample.DESCRIPTOR.full_name)
+IMU, WHEEL = _pb.ImuSample.DESCRIPTOR.full_name, _pb.WheelSample.DESCRIPTOR.full_name
+SENSORS = (IMU, WHEEL)
 UNREADABLE = (DecodeError, ValueError, OverflowError, KeyError)
 """What reading a message of ours ends in when it is damaged."""
 _TIMESTAMP = "google.protobuf.Timestamp"
@@ -320,13 +321,16 @@ def iter_columns(records: McapRecords, rows: int = 4096) -> Iterator[dict[str, n
         yield table.track("").columns() | {"marker": np.array([row.marker for row in batch])}
 
 
-def read_sensors(records: McapRecords, start_ns: int, end_ns: int) -> dict[str, Sensor]:
-    """The IMUs and wheels of a recording by topic as in `Recording.sensors`, from `start_ns` to before `end_ns`."""
+def read_sensors(
+    records: McapRecords, start_ns: int = 0, end_ns: int = 1 << 63, kinds: Collection[str] = SENSORS
+) -> dict[str, Sensor]:
+    """The IMUs and wheels of a recording, or those of some `kinds`, by topic as in `Recording.sensors`, from `start_ns`
+    to before `end_ns`."""
     names = schema_names(records)
-    topics = {c.topic for c in records.channels.values() if names[c.id] in SENSORS}
+    topics = {c.topic for c in records.channels.values() if names[c.id] in kinds}
     found: dict[int, _SensorRows] = {}
     for raw in records.messages(topics) if topics else ():
-        if names.get(raw.channel.id) in SENSORS and start_ns <= raw.log_time < end_ns:
+        if names.get(raw.channel.id) in kinds and start_ns <= raw.log_time < end_ns:
             try:
                 if raw.channel.id not in found:
                     found[raw.channel.id] = _SensorRows(raw.channel, records)
@@ -334,6 +338,32 @@ def read_sensors(records: McapRecords, start_ns: int, end_ns: int) -> dict[str, 
             except UNREADABLE as error:
                 records.undecodable(raw.channel.topic, error)
     return {_sensor_name(rows.topic): rows.sensor() for rows in found.values() if len(rows)}
+
+
+def first_camera(records: McapRecords) -> Camera | None:
+    """The first calibration of a recording that can be read; None where there is none."""
+    names = schema_names(records)
+    for topic in sorted({c.topic for c in records.channels.values() if names[c.id] == CALIBRATION}):
+        for raw in records.messages([topic]):
+            try:
+                camera = _camera(CameraCalibration.FromString(raw.data), raw.channel)
+            except UNREADABLE as error:
+                records.undecodable(topic, error)
+                continue
+            if camera is not None:
+                return camera
+    return None
+
+
+def first_settings(records: McapRecords) -> dict[str, Any]:
+    """The settings that the first run of a recording had; empty where it has none that can be read."""
+    for attachment in records.attachments():
+        if attachment.name == "settings.toml":
+            try:
+                return tomllib.loads(attachment.data.decode("utf-8", "replace"))
+            except (ValueError, RecursionError):
+                return {}
+    return {}
 
 
 def state_row(data: bytes, stamp_ns: int) -> StateRow:

@@ -33,7 +33,7 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 
 from spheremcap.io.join import OutMessage
-from spheremcap.io.mcap_records import Piece
+from spheremcap.io.mcap_records import McapRecords, Piece, RawMessage
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_BYTES = 22  # of a message record besides its data
@@ -193,6 +193,26 @@ class ChunkWriter:
         data = builder.end()  # type: ignore[no-untyped-call]
         self._output.write(data)
         return len(data)
+
+
+def copy_piece(records: McapRecords, piece: Piece, writer: ChunkWriter) -> None:
+    """One chunk of a recording as it is; one that is damaged, as far as it can be read."""
+    stored = records.stored(piece)
+    if stored is not None:
+        writer.copy(piece, *stored)
+    else:
+        write_piece(records, piece, [same(raw) for raw in records.messages_of(piece)], writer)
+
+
+def write_piece(records: McapRecords, piece: Piece, messages: Sequence[OutMessage], writer: ChunkWriter) -> None:
+    """A chunk of other messages in one's place."""
+    defined = records.defined_in(piece) if piece.compression is not None else ()
+    writer.write(messages, "zstd" if piece.compression is None else piece.compression, defined)
+
+
+def same(raw: RawMessage) -> OutMessage:
+    """A message as it is."""
+    return OutMessage(raw.log_time, raw.publish_time, raw.sequence, raw.channel.id, raw.data)
 
 
 def _compressed(data: bytes, compression: str) -> bytes:

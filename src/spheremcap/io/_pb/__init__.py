@@ -26,6 +26,7 @@ def _message_class(name: str) -> Any:
 
 
 ArmSample = _message_class("ArmSample")
+ChairFrame = _message_class("ChairFrame")
 Circle = _message_class("Circle")
 ImuSample = _message_class("ImuSample")
 MarkerState = _message_class("MarkerState")
