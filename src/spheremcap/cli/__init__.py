@@ -12,6 +12,7 @@ import typer
 from spheremcap import __version__
 from spheremcap.cli import (
     annotate,
+    calibrate,
     config,
     evaluate,
     experiment,
@@ -69,8 +70,8 @@ def _root(
 
 
 for verb in (
-    annotate.annotate, track.track, retrack.retrack, merge.merge, recover.recover, sync.sync, info.info, layout.layout,
-    export.export, render.render, plot.plot, view.view, live.live,
+    annotate.annotate, calibrate.calibrate, track.track, retrack.retrack, merge.merge, recover.recover, sync.sync,
+    info.info, layout.layout, export.export, render.render, plot.plot, view.view, live.live,
     evaluate.evaluate, experiment.experiment, synth.synth,
 ):  # fmt: skip
     app.command(help=_paragraphs(verb.__doc__ or ""))(verb)
