@@ -2,8 +2,8 @@
 
 python benchmarks/board.py
 
-Corners of charuco:9x6:30mm at 1280x720, each with 0.15 px of noise and 0.1 px that its whole view shares; twelve films
-of 40 views in each row. `error` is the found focal length's root mean square error, `said` what is stated of it, both as a
+Corners of charuco:9x6:30mm at 1280x720, with 0.15 px of noise each and 0.1 px that a whole view shares; twelve films of
+40 views in each row. `error` is the found focal length's root mean square error, `said` what is stated of it, both as a
 share of it, `edge` how far the worst pixel of the picture's edge is beside its place. The limits are off here, so that
 what they refuse is seen too.
 """

@@ -17,6 +17,7 @@ from typing import Literal
 
 from pydantic import ValidationError
 
+from spheremcap.analysis.filmed import calibrate_board
 from spheremcap.attended import Asked, Attended, Operator
 from spheremcap.config import CameraSettings, MarkerSettings, Settings, seeds_toml
 from spheremcap.core.camera import Camera
@@ -66,6 +67,7 @@ __all__ = [
     "Source",
     "Stretch",
     "TrackReport",
+    "calibrate_board",
     "find",
     "merge",
     "open",

@@ -46,7 +46,7 @@ def test_corners_are_where_the_camera_sees_them(board):
         best = min(apart, key=lambda d: np.abs(d).max())  # a checkerboard is the same upside down
         assert len(seen) == (board.columns - 1) * (board.rows - 1) or board.dictionary
         assert np.abs(best).max() < 0.4, index
-        assert np.abs(best.mean(axis=0)).max() < 0.06
+        assert np.abs(best.mean(axis=0)).max() < 0.1
 
 
 def test_a_charuco_film_gives_its_camera_within_the_stated_uncertainty(tmp_path):
@@ -89,7 +89,7 @@ def test_a_checkerboard_filmed_in_stills_gives_its_camera(tmp_path):
 @pytest.mark.parametrize("bend_m", [0, 0.001])
 def test_every_lens_is_found_whether_the_board_is_flat_or_not(camera, bend_m):
     found = solve(
-        views(camera, CHARUCO, 40, bend_m=bend_m), 640, 360, "fisheye" if camera.model == "fisheye" else "plumb_bob"
+        views(camera, CHARUCO, 32, bend_m=bend_m), 640, 360, "fisheye" if camera.model == "fisheye" else "plumb_bob"
     )
     assert isinstance(found, Calibrated), found
     assert abs(found.values["fx"] - camera.fx_px) < min(3 * found.sd["fx"], 0.004 * camera.fx_px)
