@@ -18,6 +18,7 @@ from typing import Literal
 from pydantic import ValidationError
 
 from spheremcap.analysis import job as analysing
+from spheremcap.analysis.filmed import calibrate_board
 from spheremcap.analysis.job import AnalysisReport
 from spheremcap.analysis.settings import AnalysisSettings
 from spheremcap.attended import Asked, Attended, Operator
@@ -71,6 +72,7 @@ __all__ = [
     "Stretch",
     "TrackReport",
     "analyse",
+    "calibrate_board",
     "find",
     "merge",
     "open",

@@ -13,16 +13,14 @@ from spheremcap.chain import ChainConfig
 from spheremcap.core.chair import ChairClick, check_clicks
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Answer, Hidden, Keep, MarkerSpec, Seed
-from spheremcap.core.stage import StageConfig
+from spheremcap.core.stage import StageConfig, length_m
 from spheremcap.detection.colour import HUES
 from spheremcap.detection.hues import GREYS, HUES_MEANT
 from spheremcap.errors import SettingsError, UsageError, short
 from spheremcap.io.toml_file import first_problem, read_toml
 from spheremcap.session import SessionConfig
 
-_LENGTH = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*(mm|cm|m|in)\s*", re.ASCII)
 _ALL_KEYS = "; `spheremcap config show` lists every key"
-_UNIT_M = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254}
 
 
 class CameraSettings(StageConfig):
@@ -109,14 +107,6 @@ class MarkerSettings(StageConfig):
 
     def spec(self) -> MarkerSpec:
         return MarkerSpec(self.name, self.diameter_m)
-
-
-def length_m(text: Any) -> float:
-    """Metres of a length with its unit, such as "4 cm". Raises ValueError."""
-    found = _LENGTH.fullmatch(text) if isinstance(text, str) else None
-    if not found:
-        raise ValueError(f'diameter {short(text)} is not a length such as "4 cm"')
-    return float(found[1]) * _UNIT_M[found[2]]
 
 
 class AutoSettings(StageConfig):

@@ -16,7 +16,7 @@ from clips import write_recording
 from spheremcap.core.camera import Camera
 from spheremcap.errors import SettingsError, SourceError
 from spheremcap.io import recording
-from spheremcap.io.calibration import camera_of, fields_of, focal_sd_of, read_camera_info
+from spheremcap.io.calibration import camera_of, fields_of, focal_sd_of, read_camera_info, write_camera_info
 from spheremcap.io.mcap_images import McapImageSource
 
 K = [550.0, 0, 159.5, 0, 551.0, 119.5, 0, 0, 1]
@@ -152,3 +152,13 @@ def test_a_camera_written_is_the_camera_read(lens: tuple[Any, tuple[float, ...]]
     assert padded[0] == padded[1]
     assert read.model == camera.model or not any(camera.distortion)
     assert (read.fx_px, read.fy_px, read.cx_px) == (camera.fx_px, camera.fy_px, camera.cx_px)
+
+
+@pytest.mark.parametrize(
+    ("model", "lens"),
+    [("none", ()), ("plumb_bob", (0.1, 0.2, 0.01, 0.02)), ("plumb_bob", (0.1,) * 8), ("fisheye", (0.1, 0.2, 0.3, 0.4))],
+)
+def test_a_yaml_written_is_the_camera_read(tmp_path: Path, model: Any, lens: tuple[float, ...]) -> None:
+    camera = Camera(320, 240, 550.123456789, 551, 159.5, 119.5, model, lens, 0.0123, "camera.yaml")
+    write_camera_info(tmp_path / "camera.yaml", camera)
+    assert read_camera_info(tmp_path / "camera.yaml") == camera

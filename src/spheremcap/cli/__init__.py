@@ -13,6 +13,7 @@ from spheremcap import __version__
 from spheremcap.cli import (
     analyse,
     annotate,
+    calibrate,
     config,
     evaluate,
     experiment,
@@ -70,9 +71,8 @@ def _root(
 
 
 for verb in (
-    annotate.annotate, track.track, retrack.retrack, merge.merge, analyse.analyse, recover.recover, sync.sync,
-    info.info, layout.layout,
-    export.export, render.render, plot.plot, view.view, live.live,
+    annotate.annotate, calibrate.calibrate, track.track, retrack.retrack, merge.merge, analyse.analyse, recover.recover,
+    sync.sync, info.info, layout.layout, export.export, render.render, plot.plot, view.view, live.live,
     evaluate.evaluate, experiment.experiment, synth.synth,
 ):  # fmt: skip
     app.command(help=_paragraphs(verb.__doc__ or ""))(verb)

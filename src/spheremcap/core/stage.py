@@ -1,11 +1,16 @@
 """What the configs of all stages share: frozen, unknown keys refused, numbers that are numbers."""
 
 import math
+import re
 from typing import Any
 
 from annotated_types import Gt, Le, Lt
 from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
 
+from spheremcap.errors import short
+
+_LENGTH = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*(mm|cm|m|in)\s*", re.ASCII)
+_UNIT_M = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254}
 _FARTHEST, _NEAREST = 1e6, 1e-9
 """No setting without a bound of its own is larger, and none that has to be above zero is smaller."""
 
@@ -37,3 +42,11 @@ class StageConfig(BaseModel):
             if Gt in bounds and 0 < value < _NEAREST:
                 raise ValueError("no setting is that small")
         return value
+
+
+def length_m(text: Any) -> float:
+    """Metres of a length with its unit, such as "4 cm". Raises ValueError."""
+    found = _LENGTH.fullmatch(text) if isinstance(text, str) else None
+    if not found:
+        raise ValueError(f'diameter {short(text)} is not a length such as "4 cm"')
+    return float(found[1]) * _UNIT_M[found[2]]

@@ -4,7 +4,7 @@ One reading for all of them. Coefficients that are left out are zero, as in Open
 is ROS's plumb_bob; one of another name is an error, never a guess. No focal length (K[0] = 0) says: not calibrated.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -124,6 +124,30 @@ def read_camera_info(path: Path) -> Camera:
     if camera is None:
         raise SettingsError(f"{path}: the camera is not calibrated: its size or focal length is 0")
     return camera
+
+
+def write_camera_info(path: Path, camera: Camera) -> None:
+    """Write a camera_info YAML as camera_calibration does, with `focal_sd`; `read_camera_info` reads it back."""
+    fields = fields_of(camera)
+    if camera.model == "fisheye":
+        fields["distortion_model"] = "equidistant"  # as ROS has it
+    data = {
+        "image_width": fields["width"],
+        "image_height": fields["height"],
+        "camera_name": camera.source,
+        "camera_matrix": _matrix(3, 3, fields["K"]),
+        "distortion_model": fields["distortion_model"],
+        "distortion_coefficients": _matrix(1, len(fields["D"]), fields["D"]),
+        "rectification_matrix": _matrix(3, 3, fields["R"]),
+        "projection_matrix": _matrix(3, 4, fields["P"]),
+    }
+    if camera.focal_sd:
+        data[FOCAL_SD] = camera.focal_sd
+    path.write_text(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120), encoding="utf-8")
+
+
+def _matrix(rows: int, columns: int, numbers: Sequence[float]) -> dict[str, Any]:
+    return {"rows": rows, "cols": columns, "data": list(map(float, numbers))}
 
 
 def _yaml(path: Path) -> Any:
