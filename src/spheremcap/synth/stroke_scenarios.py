@@ -16,7 +16,7 @@ from spheremcap.synth.strokes import Manner, Mount, motion
 
 CAMERA = Camera(
     1280, 720, 880.0, 880.0, 639.5, 359.5, "plumb_bob", (-0.2, 0.05, 0.0, 0.0),
-    source="made up: an action camera's medium mode, about 72 degrees across",
+    source="made up: an action camera's medium mode, about 79 degrees across",
 )  # fmt: skip
 USUAL, HIGH = Mount(), Mount((1.08, 0.0, 0.80), float(np.radians(30.0)))
 """Where the camera is. At contact and release a shoulder's marker hides a part of the wrist's; not from `HIGH`."""
