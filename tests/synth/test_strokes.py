@@ -141,7 +141,7 @@ def test_a_braking_holds_the_rim_that_goes_on_turning_and_has_no_events(rides):
     assert rate[1] / rate[0] == pytest.approx(0.75, abs=0.02)
 
 
-@pytest.mark.parametrize("name", ["strokes", "strokes-high@120"])
+@pytest.mark.parametrize("name", ["strokes", "strokes-low@120"])
 def test_events_and_truth_and_wheel_have_one_clock(name):
     """At an event's stamp the wrist of truth.csv, each row at the instant when it is seen, is at the event's angle."""
     scene, made = Scene(build(name)), ride(name)
@@ -181,8 +181,8 @@ def test_a_session_of_strokes_in_its_folder(tmp_path):
     def digests(folder):
         return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
 
-    one, again = (render("strokes-high@60", tmp_path / folder, frames=4) for folder in ("one", "again"))
-    other = render("strokes-high@60", tmp_path / "other", frames=4, seed=1)
+    one, again = (render("strokes-low@60", tmp_path / folder, frames=4) for folder in ("one", "again"))
+    other = render("strokes-low@60", tmp_path / "other", frames=4, seed=1)
     assert digests(one.folder) == digests(again.folder)
     changed = {name for name, digest in digests(other.folder).items() if digests(one.folder)[name] != digest}
     assert changed >= {"session.mp4", "truth.csv", "seeds.toml"}

@@ -73,6 +73,7 @@ class Ride:
                 "radius_m": wheels.radius_m,
                 "rim_radius_m": wheels.rim_radius_m,
                 "camber_deg": _degrees(wheels.camber_rad),
+                "track_m": 2 * wheels.half_track_m,
             },
             "chair": {
                 "camera_xyz_chair_m": list(self.mount.xyz_chair_m),

@@ -18,8 +18,8 @@ CAMERA = Camera(
     1280, 720, 880.0, 880.0, 639.5, 359.5, "plumb_bob", (-0.2, 0.05, 0.0, 0.0),
     source="made up: an action camera's medium mode, about 79 degrees across",
 )  # fmt: skip
-USUAL, HIGH = Mount(), Mount((1.08, 0.0, 0.80), float(np.radians(30.0)))
-"""Where the camera is. At contact and release a shoulder's marker hides a part of the wrist's; not from `HIGH`."""
+USUAL, LOW = Mount(), Mount((1.08, 0.0, 0.50), float(np.radians(15.0)))
+"""Where the camera is. From `LOW` another marker hides a part of the wrist's at nearly every contact and release."""
 RATES = (240, 120, 60)
 """Frames/s, times 1000/1001."""
 FRAMES = 2640
@@ -120,5 +120,7 @@ STROKES: dict[str, StrokeScenario] = {
     "strokes-unequal": StrokeScenario(
         "strokes whose left hand is late and takes hold later", Manner(left_lag_s=0.035, left_later_deg=12.0)
     ),
-    "strokes-high": StrokeScenario("even strokes seen from higher up: no marker hides another", Manner(), HIGH),
+    "strokes-low": StrokeScenario(
+        "even strokes seen from lower: markers hide wrists at contact and release", Manner(), LOW
+    ),
 }

@@ -53,8 +53,8 @@ class Wheels:
 class Mount:
     """Where the camera is on the chair: in front, looking back and `down_rad` down, turned by nothing else."""
 
-    xyz_chair_m: tuple[float, float, float] = (1.08, 0.0, 0.50)
-    down_rad: float = float(np.radians(15.0))
+    xyz_chair_m: tuple[float, float, float] = (1.08, 0.0, 0.80)
+    down_rad: float = float(np.radians(30.0))
 
     @property
     def axes(self) -> FloatArray:

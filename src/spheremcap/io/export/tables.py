@@ -29,8 +29,9 @@ def write_csv(path: Path, first: Columns, rest: Iterator[Columns], start_ns: int
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(first)
         for columns in itertools.chain([first], rest):
-            writer.writerows(zip(*(_cells(column) for column in columns.values()), strict=True))
-            rows += len(columns["stamp_ns"])
+            cells = [_cells(column) for column in columns.values()]
+            writer.writerows(zip(*cells, strict=True))
+            rows += len(cells[0])
     return rows
 
 
