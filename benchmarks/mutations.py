@@ -1303,6 +1303,15 @@ FAULTS = (
         "seeds_toml([*others, *named])", "seeds_toml(named)", ("tests/operator/test_page.py",),
     ),
     Fault(
+        648, "chair: the lens of the camera is forgotten", "operator/chair.py",
+        "straight = camera.normalise(points_px) * focal + centre", "straight = points_px.copy()",
+        ("tests/operator/test_chair.py",),
+    ),
+    Fault(
+        649, "chair: the farthest point is taken for the wrong one", "operator/chair.py",
+        "best = int(np.argmin(rms_px))", "best = int(np.argmax(whole.off_px))", ("tests/operator/test_chair.py",),
+    ),
+    Fault(
         701, "found: two alike are not asked", "found.py",
         "return [p for p in ranked if p.score >= _RIVAL * ranked[0].score]", "return ranked[:1]", (FOUND,),
     ),

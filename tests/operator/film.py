@@ -8,9 +8,13 @@ to 109.
 from fractions import Fraction
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 from scenes import BLUE, ORANGE, Cover, ball_at, picture, truth
 from spheremcap import api
 from spheremcap.config import MarkerSettings, Settings
+from spheremcap.core.camera import Camera
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Seed
 from spheremcap.io.encode import write_video
@@ -58,3 +62,40 @@ def seeds() -> list[Seed]:
 def track_film(film: Path, output: Path) -> Path:
     api.track(film, output, SETTINGS, seeds())
     return output
+
+
+def write_chair(path: Path) -> tuple[Path, list[tuple[str, tuple[float, float]]]]:
+    """A racing chair's wheels as a camera over the front hub sees them, and where to click; one click is wrong."""
+    camera = Camera(1280, 720, 900, 900, 639.5, 359.5)
+    picture = np.full((1440, 2560, 3), (96, 104, 112), np.uint8)
+    cv2.rectangle(picture, (0, 0), (2560, 420), (196, 190, 180), -1)
+    clicks: list[tuple[str, tuple[float, float]]] = []
+
+    def seen(side: int, r_m: float, turn: np.ndarray, out_m: float = 0.0) -> np.ndarray:
+        """Points of a circle about a hub, in a plane that leans by 12 degrees; x right, y down, z forward."""
+        lean = np.radians(12)
+        up, forward, off = r_m * np.cos(turn), r_m * np.sin(turn), out_m + 0 * turn
+        hub = np.array([0.3 * side, 0.1, 0.85])
+        x, y = side * (off * np.cos(lean) - up * np.sin(lean)), -up * np.cos(lean) - off * np.sin(lean)
+        return camera.project(hub + np.stack([x, y, -forward], axis=1))
+
+    def line(points: np.ndarray, colour: tuple[int, int, int], width: int, closed: bool = True) -> None:
+        fine = np.round((points + 0.5) * 2 * 16).astype(np.int32)
+        cv2.polylines(picture, [fine], closed, colour, width, cv2.LINE_AA, shift=4)
+
+    around = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    for side, name in ((1, "left"), (-1, "right")):  # the camera looks back
+        line(seen(side, 0.32, around), (32, 32, 34), 26)
+        for turn in np.linspace(0, 2 * np.pi, 18, endpoint=False):
+            line(np.concatenate([seen(side, r, np.array([turn])) for r in (0.02, 0.31)]), (140, 140, 140), 2, False)
+        line(seen(side, 0.185, around, 0.04), (24, 24, 24), 12)
+        line(seen(side, 0.185, around, 0.04), (70, 70, 72), 5)
+        [hub] = seen(side, 0.0, np.zeros(1))
+        cv2.circle(picture, tuple(int(v) for v in np.round(hub * 2)), 16, (60, 60, 64), -1, cv2.LINE_AA)
+        clicks.append((f"{name}_axle", tuple(hub)))
+        rim = seen(side, 0.185, np.linspace(0.2, 5.9, 9), 0.04)
+        rim[3] += (9, 6) if side > 0 else (0, 0)
+        clicks += [(f"{name}_rim", tuple(place)) for place in rim]
+    small = cv2.resize(cv2.GaussianBlur(picture, (0, 0), 1.2), (1280, 720), interpolation=cv2.INTER_AREA)
+    write_video(path, [small] * 24, Fraction(240), creation_time="2025-06-01T10:00:00Z")
+    return path, clicks

@@ -2,6 +2,7 @@
 
 import csv
 import http.server
+import io
 import math
 import os
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from film import COUNT, SETTINGS, elbow, seeds, wrist
+from film import COUNT, SETTINGS, elbow, seeds, wrist, write_chair
 from hand import FLAGS, Annotate, Hand, Program, find_chromium
 
 import spheremcap
@@ -476,6 +477,8 @@ def test_the_chair_is_clicked_with_the_keyboard_alone(recording: Path, serve: Se
     hand.press("Shift+ArrowRight", 3).press("Alt+Shift+ArrowUp", 2)
     hand.wait(lambda: abs(clicks_beside(recording)[0].y_px - 119.3) < 1e-6)
     assert clicks_beside(recording) == [ChairClick("right_axle", 0, 162.5, 119.3)]
+    hand.press("u")  # all presses at once
+    hand.wait(lambda: clicks_beside(recording) == [ChairClick("right_axle", 0, 159.5, 119.5)])
     hand.press("m").press("c").press("Shift+ArrowDown").press("c")
     hand.wait(lambda: len(clicks_beside(recording)) == 3)
     assert [c.on for c in clicks_beside(recording)] == ["right_axle", "left_rim", "left_rim"]
@@ -569,6 +572,14 @@ def test_at_200_percent_nothing_is_cut_off_and_text_stands_out(
     hand = visit(serve(recording).url, 640, 400, device_scale_factor=2, color_scheme=scheme)
     hand.press("r")
     hand.wait(lambda: hand.seen("#strip"))
+    nothing_is_cut_off_or_faint(hand)
+    hand.settled().press("w").press("c").press("m").press("m").press("c").saved()
+    hand.wait(lambda: "1 of at least 5" in hand.said("#rims-said"))
+    nothing_is_cut_off_or_faint(hand)
+    assert hand.look("unnamed()") == []
+
+
+def nothing_is_cut_off_or_faint(hand: Hand) -> None:
     wide, room = hand.page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
     assert wide <= room
     assert hand.look("cut()") == []
@@ -601,31 +612,49 @@ def test_a_page_of_another_site_can_neither_look_nor_answer(recording: Path, ser
     assert not recording.with_name("out.seeds.toml").exists()
 
 
-@pytest.mark.skipif(
-    "SPHEREMCAP_SCREENSHOTS" not in os.environ, reason="SPHEREMCAP_SCREENSHOTS names no folder for them"
-)
-def test_pictures_for_the_docs(tmp_path: Path, serve: Serve, visit: Visit) -> None:
-    """docs/operator.md shows them: SPHEREMCAP_SCREENSHOTS=docs/images ./run test tests/operator -k docs."""
+def shot(hand: Hand, name: str) -> None:
+    """What is on the screen, as a picture for the docs."""
     from PIL import Image
 
+    hand.page.wait_for_timeout(600)
+    picture = Image.open(io.BytesIO(hand.page.screenshot())).convert("RGB")
+    picture.quantize(256, Image.Quantize.MAXCOVERAGE).save(
+        Path(os.environ["SPHEREMCAP_SCREENSHOTS"]) / f"operator-{name}.png", optimize=True
+    )
+
+
+for_the_docs = pytest.mark.skipif(
+    "SPHEREMCAP_SCREENSHOTS" not in os.environ, reason="SPHEREMCAP_SCREENSHOTS names no folder for them"
+)
+
+
+@for_the_docs
+def test_the_chair_in_a_picture_for_the_docs(tmp_path: Path, serve: Serve, visit: Visit) -> None:
+    """SPHEREMCAP_SCREENSHOTS=docs/images ./run test tests/operator -k chair_in_a_picture makes this one alone."""
+    video, places = write_chair(tmp_path / "session.mp4")
+    hand = visit(serve(video).url, 1200, 760)
+    hand.press("w")
+    for on, (x, y) in places:
+        hand.page.check(f"#clicked input[value={on}]")
+        hand.point(x, y)
+    hand.wait(lambda: hand.page.locator("#clicks li").count() == len(places))
+    hand.page.locator("#clicks button:has-text('is it on')").click()
+    hand.wait(lambda: hand.said("#saved").startswith("Saved"))
+    shot(hand, "chair")
+
+
+@for_the_docs
+def test_pictures_for_the_docs(tmp_path: Path, serve: Serve, visit: Visit) -> None:
+    """docs/operator.md shows them: SPHEREMCAP_SCREENSHOTS=docs/images ./run test tests/operator -k docs."""
     sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
     from person import BACK, FRAMES, session
 
     from spheremcap.synth import render
     from spheremcap.synth.scenarios import SCENARIOS, Scenario
 
-    folder = Path(os.environ["SPHEREMCAP_SCREENSHOTS"])
     SCENARIOS["person"] = Scenario("two occlusions, an exchange, an exit", FRAMES, session)
     made = render("person", tmp_path / "session")
     truth = {int(row["frame"]): row for row in csv.DictReader(made.truth.open()) if row["x_px"]}
-
-    def shot(hand: Hand, name: str) -> None:
-        hand.page.wait_for_timeout(600)
-        path = tmp_path / f"{name}.png"
-        hand.page.screenshot(path=path)
-        Image.open(path).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE).save(
-            folder / f"operator-{name}.png", optimize=True
-        )
 
     def place(frame: int) -> Circle:
         return Circle(*(float(truth[frame][key]) for key in ("x_px", "y_px", "r_px")))

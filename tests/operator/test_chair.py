@@ -217,6 +217,10 @@ def test_clicks_are_kept_beside_the_video_and_are_there_again(film: Path, paged:
     mark = page.pulse()["mark"]
     page.click(None, AXLE)
     assert page.pulse()["mark"] != mark
+    mark = page.pulse()["mark"]
+    ChairFile(film.parent / "film.chair.toml", 320, 240).change(None, FRONT)  # another program's
+    assert page.pulse()["mark"] != mark
+    page.click(FRONT, None)
     for click in rim_of(SMALL, 7):
         said = page.click(None, click)
     rim = said["rims"]["left_rim"]

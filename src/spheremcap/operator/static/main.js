@@ -309,8 +309,9 @@ function chairList() {
   }));
   $("clicks").replaceChildren(...clicks.map((click, k) => {
     const item = document.createElement("li"), off = typeof click.off_px === "number" ? `, ${click.off_px.toFixed(2)} px off` : "";
-    const where = button(`${clickName(clicks, k)}: ${click.x_px.toFixed(1)}, ${click.y_px.toFixed(1)} on frame ${click.frame}${off}${click.doubted ? " – is it on the rim?" : ""}`, () => { chair.choose(k); go(click.frame); });
+    const where = button(`${clickName(clicks, k)}, frame ${click.frame}${off}${click.doubted ? ": is it on the rim?" : ""}`, () => { chair.choose(k); go(click.frame); });
     where.className = "go";
+    where.title = `x ${click.x_px.toFixed(2)}, y ${click.y_px.toFixed(2)} px`;
     where.setAttribute("aria-current", String(k === chair.chosen));
     const back = button("✕", () => chair.remove(k));
     back.setAttribute("aria-label", `Take out: ${clickName(clicks, k)}`);
