@@ -5,9 +5,11 @@ import csv
 import av
 import numpy as np
 import pytest
+from session_data import write_session
 
 import spheremcap
 from clips import COUNT, STEP_NS
+from spheremcap.core.estimate import Status
 from spheremcap.io.messages import MARKER_RGB
 
 
@@ -114,6 +116,28 @@ def test_a_workbook_gets_semicolons_decimal_commas_and_units(run, tracked, tmp_p
     assert run("export", tracked, "-o", tmp_path / "x.parquet", "--excel").code == 2
     assert run("export", tracked, "-o", tmp_path / "x.csv", "--marker", "nose").code == 2
     assert not list(tmp_path.glob("x*"))
+
+
+def test_points_go_to_c3d_and_trc_with_what_is_to_know_on_stderr(run, tracked, tmp_path):
+    session = write_session(tmp_path / "r.mcap", range(20), {"left_wrist": {7: Status.LOST}})
+    for ending, err in (("c3d", ""), ("trc", "spheremcap: left_wrist: 1 of 10 frames are blank")):
+        out = tmp_path / f"points.{ending}"
+        outcome = run("export", session, "-o", out, "--marker", "left_wrist", "--to", f"{9.5 * STEP_NS / 1e9:.9f}")
+        assert (outcome.code, outcome.out) == (0, f"10 frames -> {out}\n"), outcome.err
+        assert outcome.err.startswith(err)
+        assert outcome.err.count("\n") == bool(err)
+    for words, code, said in (
+        (("-o", tmp_path / "a.trc", "--fill", 20), 2, "cannot mark"),
+        (("-o", tmp_path / "a.csv", "--fill", 20), 2, "--fill is for .c3d"),
+        (("-o", tmp_path / "a.c3d", "--table", "events"), 2, "--table is for"),
+        (("-o", tmp_path / "a.xyz"), 2, ".csv, .parquet, .c3d, .trc"),
+        (("-o", tmp_path / "a.csv", "--table", "cycles"), 1, "spheremcap analyse"),
+        (("-o", tmp_path / "a.c3d"), 1, "needs a --camera"),  # its picture is of a size that no camera is assumed for
+    ):
+        outcome = run("export", tracked, *words)
+        assert (outcome.code, outcome.out, outcome.err.count("\n")) == (code, "", 1)
+        assert said in outcome.err
+    assert not list(tmp_path.glob("a.*"))
 
 
 def test_parquet_has_units_in_its_columns(run, tracked, tmp_path):

@@ -44,8 +44,9 @@ def write_session(
     camera: bool = True,
     names: Collection[str] = NAMES,
 ) -> Path:
-    """A recording of `frames` (numbers on the even grid); markers are VERIFIED where `gaps` says nothing else. `imus` are
-    stamps of samples whose x acceleration counts them and whose temperature is never set.
+    """A recording of `frames` (numbers on the even grid); markers are VERIFIED where `gaps` says nothing else.
+
+    `imus` are stamps of samples whose x acceleration counts them and whose temperature is never set.
     """
     with path.open("wb") as file:
         writer = Writer(file)

@@ -109,6 +109,13 @@ def test_of_two_frames_in_one_place_the_nearer_stays_and_that_is_said(tmp_path):
     assert any("1 frames are left out" in note for note in done.notes)
 
 
+def test_of_two_frames_at_one_time_the_first_stays_and_that_is_said(tmp_path):
+    done, points, _, _ = exported(tmp_path, range(COUNT), stamps={20: stamp(19)})
+    np.testing.assert_allclose(points[0, 0, 19], 1000 * xyz_m("left_wrist", 19)[0], rtol=1e-6)
+    assert np.isnan(points[0, 0, 20])
+    assert any("2 positions are left out" in note for note in done.notes)
+
+
 def test_events_have_their_side_and_their_time_from_the_first_frame(tmp_path):
     slow = range(0, 20_000, 200)  # 83 s: minutes are told apart from seconds
     strokes = [

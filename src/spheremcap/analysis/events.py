@@ -29,6 +29,8 @@ _LEAST_SIDE = 3
 """Measured positions that are needed on either side."""
 _MOST_MISSING = 3.5
 """Frames from one measured position to the next, across which an instant is still told."""
+_SLOW_S = 0.04
+"""How long what errs in a marker's distance stays."""
 _SOFT_S = 0.003
 """How long a hand takes to be as fast as the rim it has met: flesh and glove give."""
 _FREE_RADIUS = 2
@@ -64,13 +66,15 @@ class Instant:
 @dataclass(frozen=True)
 class Path:
     """What the instants are found in: times (N,) in s, radius (N,) and arc (N,) in m of the measured positions with
-    covariances (N, 2, 2), and how far the wheel has turned (N,) in rad; None where that is not known. `push_radius_m`
-    is the radius on which arcs are counted, `step_s` from frame to frame."""
+    covariances (N, 2, 2), and how far the wheel has turned (N,) in rad; None where that is not known. `white` is the
+    share of the standard deviations that differs from frame to frame; the rest goes slowly. `push_radius_m` is the
+    radius on which arcs are counted, `step_s` from frame to frame."""
 
     t_s: FloatArray
     radius_m: FloatArray
     arc_m: FloatArray
     covariance: FloatArray
+    white: float
     turned_rad: FloatArray | None
     push_radius_m: float
     step_s: float
@@ -122,17 +126,35 @@ def _gap_at(t_s: FloatArray, at_s: float) -> float:
     return float(t_s[min(k, len(t_s) - 1)] - t_s[max(k - 1, 0)])
 
 
+def _covariance(path: Path) -> FloatArray:
+    """Of all radii and arcs (2 N, 2 N), radius and arc of a position next to each other.
+
+    How far a marker is comes from its outline, and what errs there (shade, blur, what is behind it) stays for some
+    frames: so the part that is not white is alike for positions near in time, along the line of sight, which is the
+    direction in which a position is least known.
+    """
+    values, vectors = np.linalg.eigh(path.covariance)
+    along = vectors[:, :, 1] * np.sqrt(np.maximum(values[:, 1], 0.0) * max(0.0, 1 - path.white**2))[:, None]
+    along *= np.sign(along[:, :1] + 1e-12)  # one way along the line of sight, on all frames
+    apart = np.abs(path.t_s[:, None] - path.t_s[None, :]) * np.sqrt(3) / _SLOW_S
+    alike = (1 + apart) * np.exp(-apart)  # Matern 3/2
+    count = len(path.t_s)
+    out = np.einsum("ia,jb,ij->iajb", along, along, alike)
+    index = np.arange(count)
+    out[index, :, index, :] += path.covariance * min(1.0, path.white) ** 2 + 1e-10 * np.eye(2)
+    return out.reshape(2 * count, 2 * count)
+
+
 class _Fit:
     """Weighted least squares of both paths for given instants."""
 
     def __init__(self, path: Path, kind: EventKind) -> None:
         self._path, self._kind = path, kind
-        root = np.linalg.inv(np.linalg.cholesky(path.covariance + 1e-10 * np.eye(2)))
-        self._root = root
+        self._root = np.linalg.inv(np.linalg.cholesky(_covariance(path)))
         turned = np.zeros_like(path.t_s) if path.turned_rad is None else path.turned_rad * path.push_radius_m
         self._arc0 = float(np.median(path.arc_m - turned))
         values = np.stack([path.radius_m - path.push_radius_m, path.arc_m - turned - self._arc0], axis=1)
-        self._values = (root @ values[:, :, None])[:, :, 0].ravel()
+        self._values = self._root @ values.ravel()
         self._turned = turned
         speed_mps = abs(float(np.polyfit(path.t_s - path.t_s[0], path.arc_m, 1)[0]))
         (closing, share), (sd, sd_share) = _CLOSING
@@ -180,7 +202,7 @@ class _Fit:
     def _solve(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Misfits (G,), unknowns (G, P) and their covariances (G, P, P) for instants (G,)."""
         design, _, prior = self._design(self._path.t_s, times)
-        rows = (self._root @ design).reshape(len(times), -1, design.shape[-1])
+        rows = self._root @ design.reshape(len(times), -1, design.shape[-1])
         turned = rows.transpose(0, 2, 1)
         normal = turned @ rows + np.diag(prior**2 + 1e-9)
         inverse = np.linalg.inv(normal)

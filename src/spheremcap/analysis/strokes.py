@@ -93,7 +93,7 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
         pushes = _pushes(hand, about, near & _along(rate, _rim_rate(hand, rate, pushes)))
     seen = np.isfinite(about.radius_m)
     path = Path(
-        hand.t_s[seen], about.radius_m[seen], about.angle_rad[seen] * radius, about.covariance[seen] * noise**2,
+        hand.t_s[seen], about.radius_m[seen], about.angle_rad[seen] * radius, about.covariance[seen], noise,
         None if hand.turned_rad is None else hand.turned_rad[seen], radius, hand.frame_s,
     )  # fmt: skip
     told = [_instants(path, hand.t_s, pushes, k) for k in range(len(pushes))]

@@ -295,14 +295,25 @@ def open(path: str | os.PathLike[str]) -> Recording:
     )
 
 
-def iter_states(records: McapRecords, topics: Collection[str] | None = None) -> Iterator[StateRow]:
+def iter_states(
+    records: McapRecords,
+    topics: Collection[str] | None = None,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+) -> Iterator[StateRow]:
     """Every marker on every frame, by log time, without keeping any; `records` counts those that do not decode. Of the
-    `topics` of these states, or of all."""
+    `topics` of these states, or of all; from `start_ns` to before `end_ns`, and the first of each channel whenever it
+    is, so that every marker comes."""
     names = schema_names(records)
     if topics is None:
         topics = {channel.topic for channel in records.channels.values() if names[channel.id] == STATE}
+    met: set[int] = set()
     for raw in records.messages(topics):
         if names.get(raw.channel.id) == STATE:
+            before = start_ns is not None and raw.log_time < start_ns
+            if raw.channel.id in met and (before or (end_ns is not None and raw.log_time >= end_ns)):
+                continue
+            met.add(raw.channel.id)
             try:
                 row = state_row(raw.data, raw.log_time)
             except UNREADABLE as error:
@@ -311,9 +322,12 @@ def iter_states(records: McapRecords, topics: Collection[str] | None = None) -> 
             yield row._replace(marker=track_name(raw.channel.topic, row.marker))
 
 
-def iter_columns(records: McapRecords, rows: int = 4096) -> Iterator[dict[str, npt.NDArray[Any]]]:
-    """`Track.columns` of all markers together, by log time, `rows` at a time, so that memory stays flat."""
-    states = iter_states(records)
+def iter_columns(
+    records: McapRecords, rows: int = 4096, start_ns: int | None = None, end_ns: int | None = None
+) -> Iterator[dict[str, npt.NDArray[Any]]]:
+    """`Track.columns` of all markers together, by log time, `rows` at a time, so that memory stays flat. The times are
+    those of `iter_states`."""
+    states = iter_states(records, None, start_ns, end_ns)
     while batch := list(itertools.islice(states, rows)):
         table = _TrackRows()
         for row in batch:

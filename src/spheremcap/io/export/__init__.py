@@ -65,7 +65,11 @@ def export_recording(
             return _points(records, chosen, out, inputs, overwrite, fill_ms)
         start_ns = (records.span_ns or (0, 0))[0]
         seen: set[str] = set()
-        batches = iter_columns(records) if table == POSES else iter([_strokes(records, table)])
+        batches = (
+            iter_columns(records, start_ns=chosen.start_ns, end_ns=chosen.end_ns)
+            if table == POSES
+            else iter([_strokes(records, table)])
+        )
         first = next(batches, None)
         if first is None:
             raise even.no_markers(records)

@@ -98,9 +98,17 @@ def read_points(
     if not seen:
         raise no_markers(records)
     stamps = np.unique(found.stamp_ns)
-    if most_frames is not None and len(stamps) > most_frames:
-        raise _too_many(records, even_grid(stamps), most_frames)
-    chosen.check(seen, records.path)
+    if len(stamps) < 2:
+        chosen.check(seen, records.path)
+        raise SourceError(f"{records.path}: {len(stamps)} frames in this time: two are needed for a rate")
+    grid = even_grid(stamps)
+    count = int(grid.place[-1]) + 1
+    if most_frames is not None and count > most_frames:
+        raise UsageError(
+            f"{records.path}: a C3D holds {most_frames} frames, {most_frames * grid.period_ns / NS_PER_S:.0f} s at "
+            f"{grid.rate_hz:.3f} Hz, and this is longer: write it in pieces with --from and --to"
+        )
+    chosen.check(seen, records.path)  # only now: of what is too long not all is read
     names = tuple(sorted({name for name in seen if not chosen.markers or name in chosen.markers}))
     cameras = sorted({name.rpartition("/")[0] for name in names})
     if len(cameras) > 1:
@@ -108,20 +116,17 @@ def read_points(
             f"{records.path}: markers of {len(cameras)} cameras, each in a frame of its own: choose those of one with "
             f"--marker; there are: {', '.join(names)}"
         )
-    if len(stamps) < 2:
-        raise SourceError(f"{records.path}: {len(stamps)} frames in this time: two are needed for a rate")
-    grid = even_grid(stamps)
-    count = int(grid.place[-1]) + 1
-    if most_frames is not None and count > most_frames:
-        raise _too_many(records, grid, most_frames)
     kept, left_out = _nearest(grid)
     stamp_ns = np.full(count, -1, np.int64)
     stamp_ns[grid.place[kept]] = stamps[kept]
-    frame = np.searchsorted(stamps, found.stamp_ns)
-    rows = np.flatnonzero(np.isin(frame, kept))
-    at = grid.place[frame[rows]], np.searchsorted(names, found.marker[rows])
+    rows = np.flatnonzero(np.isin(found.stamp_ns, stamps[kept]))[::-1]  # of two at the same time the first one stays
+    column = np.array([names.index(name) if name in names else -1 for name in seen])
+    at = grid.place[np.searchsorted(stamps, found.stamp_ns[rows])], column[found.marker[rows]]
     xyz_m, sd_m = (np.full((count, len(names), *shape), np.nan) for shape in ((3,), ()))
     xyz_m[at], sd_m[at] = axes.of_camera(found.xyz_cam_m[rows]), found.sd_m[rows]
+    taken = np.zeros(sd_m.shape, np.bool_)
+    taken[at] = True
+    repeated = len(rows) - np.count_nonzero(taken)
     if not np.isfinite(sd_m).any():
         raise SourceError(
             f"{records.path}: nothing measured in metres here: `spheremcap track` needs a --camera for it"
@@ -136,7 +141,15 @@ def read_points(
         xyz_m[filled] = smoothed[filled]
     labels = tuple(name.rpartition("/")[2] for name in names)
     return EvenPoints(
-        labels, axes, grid.start_ns, grid.period_ns, stamp_ns, xyz_m, sd_m, filled, _notes(grid, left_out)
+        labels,
+        axes,
+        grid.start_ns,
+        grid.period_ns,
+        stamp_ns,
+        xyz_m,
+        sd_m,
+        filled,
+        _notes(grid, left_out, int(repeated)),
     )
 
 
@@ -144,13 +157,6 @@ def no_markers(records: McapRecords) -> SourceError:
     """For a file in which nothing was tracked."""
     topics = ", ".join(sorted({c.topic for c in records.channels.values()})) or "none"
     return SourceError(f"{records.path}: has no markers of spheremcap in it; its topics: {topics}")
-
-
-def _too_many(records: McapRecords, grid: "Grid", most_frames: int) -> UsageError:
-    return UsageError(
-        f"{records.path}: a C3D holds {most_frames} frames, {most_frames * grid.period_ns / NS_PER_S:.0f} s at "
-        f"{NS_PER_S / grid.period_ns:.3f} Hz, and this is longer: write it in pieces with --from and --to"
-    )
 
 
 @dataclass(frozen=True)
@@ -161,6 +167,11 @@ class Grid:
     period_ns: float
     place: IntArray
     off_ns: FloatArray
+
+    @property
+    def rate_hz(self) -> float:
+        """Places a second."""
+        return NS_PER_S / self.period_ns
 
 
 def even_grid(stamps: IntArray) -> Grid:
@@ -178,22 +189,25 @@ def even_grid(stamps: IntArray) -> Grid:
 
 @dataclass(frozen=True)
 class _Rows:
-    """A row a marker and frame. Positions are NaN where not measured, smoothed ones None where not wanted."""
+    """A row a marker and frame; `marker` is its number. Positions are NaN where not measured, and there are no smoothed
+    ones where they are not wanted.
+    """
 
-    marker: npt.NDArray[np.str_]
+    marker: npt.NDArray[np.int16]
     stamp_ns: IntArray
     xyz_cam_m: FloatArray
     sd_m: FloatArray
     smoothed_xyz_cam_m: FloatArray
 
 
-def _rows(records: McapRecords, chosen: Selection, smoothed: bool, most_frames: int | None) -> tuple[_Rows, set[str]]:
-    """The chosen rows, as far as more than `most_frames`; and all markers that were seen on the way."""
-    seen: set[str] = set()
+def _rows(records: McapRecords, chosen: Selection, smoothed: bool, most_frames: int | None) -> tuple[_Rows, list[str]]:
+    """The chosen rows, as far as more than `most_frames`; and the markers seen on the way, by their numbers."""
+    numbers: dict[str, int] = {}
     parts: list[tuple[npt.NDArray[np.generic], ...]] = []
     frames, last_ns = 0, -1
-    for columns in iter_columns(records):
-        seen.update(columns["marker"].tolist())
+    for columns in iter_columns(records, start_ns=chosen.start_ns, end_ns=chosen.end_ns):
+        names, which = np.unique(columns["marker"], return_inverse=True)
+        number = np.array([numbers.setdefault(name, len(numbers)) for name in names.tolist()], np.int16)
         rows = chosen.rows(columns["stamp_ns"], columns["marker"])
         stamps = columns["stamp_ns"][rows]
         xyz, sd, smooth = (
@@ -202,7 +216,7 @@ def _rows(records: McapRecords, chosen: Selection, smoothed: bool, most_frames: 
         )
         xyz[~np.isin(columns["status"][rows], _MEASURED)] = np.nan
         sd = np.where(np.isfinite(xyz).all(axis=1), np.sqrt(np.square(sd).sum(axis=1)), np.nan)
-        parts.append((columns["marker"][rows], stamps, xyz, sd, smooth if smoothed else xyz[:0]))
+        parts.append((number[which[rows]], stamps, xyz, sd, smooth if smoothed else xyz[:0]))
         if len(stamps):
             frames += len(np.unique(stamps[stamps > last_ns]))
             last_ns = int(stamps[-1])
@@ -210,8 +224,8 @@ def _rows(records: McapRecords, chosen: Selection, smoothed: bool, most_frames: 
             break
     if not parts:
         none = np.zeros((0, 3))
-        return _Rows(np.zeros(0, np.str_), np.zeros(0, np.int64), none, none[:, 0], none), seen
-    return _Rows(*map(np.concatenate, zip(*parts, strict=True))), seen  # type: ignore[arg-type]
+        return _Rows(np.zeros(0, np.int16), np.zeros(0, np.int64), none, none[:, 0], none), []
+    return _Rows(*map(np.concatenate, zip(*parts, strict=True))), list(numbers)  # type: ignore[arg-type]
 
 
 def _nearest(grid: Grid) -> tuple[IntArray, int]:
@@ -231,9 +245,9 @@ def _in_gaps(there: BoolArray, longest: int) -> BoolArray:
     return inside
 
 
-def _notes(grid: Grid, left_out: int) -> tuple[str, ...]:
+def _notes(grid: Grid, left_out: int, repeated: int) -> tuple[str, ...]:
     notes = []
-    rate = f"{NS_PER_S / grid.period_ns:.3f} Hz"
+    rate = f"{grid.rate_hz:.3f} Hz"
     furthest = float(np.abs(grid.off_ns).max())
     if furthest > OFF_GRID * grid.period_ns:
         notes.append(
@@ -242,6 +256,8 @@ def _notes(grid: Grid, left_out: int) -> tuple[str, ...]:
         )
     if left_out:
         notes.append(f"{left_out} frames are left out: another one is nearer to their place at {rate}")
+    if repeated:
+        notes.append(f"{repeated} positions are left out: their marker has an earlier one at the same time")
     missing = int(grid.place[-1]) + 1 - (len(grid.place) - left_out)
     if missing:
         notes.append(f"{missing} frames are missing in the recording: nothing is there")
