@@ -7,6 +7,7 @@ around it, radius and arc together, weighted by their covariances, with the inst
 segmented regression, Hinkley 1971); how much worse other instants fit gives its standard deviation.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from spheremcap.core.stroke import EventKind
 
 FloatArray = npt.NDArray[np.float64]
 
-_REACH_S = 0.040
+_REACH_S = 0.055
 """How far from the instant positions are taken in."""
 _SEARCH_S = 0.020
 """How far from the first guess it is looked for."""
@@ -31,6 +32,10 @@ _MOST_MISSING = 3.5
 """Frames from one measured position to the next, across which an instant is still told."""
 _SLOW_S = 0.04
 """How long what errs in a marker's distance stays."""
+_SHAKES_M, _SHAKE_S = (0.0, 0.0002, 0.0004, 0.0008), 0.003
+"""How far a camera on a chair may shake, and how long it takes for it."""
+_SHAKE_EVENTS, _FITS = 24, 1.3
+"""How many fits tell how far it does, and how large their misfits over their degrees of freedom may be for it."""
 _SOFT_S = 0.003
 """How long a hand takes to be as fast as the rim it has met: flesh and glove give."""
 _FREE_RADIUS = 2
@@ -46,6 +51,8 @@ _CLOSING = (0.3, 0.15), (0.3, 0.10)
 take the rim for the hand's way to it, for some hundredths of a second after contact."""
 _BEND_MPS2 = 8.0
 """How that may change, over two: a wrist rolls out and in again within a push."""
+_FREE = 1500.0, 3e4
+"""What a free hand's path may have of the third and fourth power of time, m/s^3 and m/s^4."""
 _TURN_MPS2 = 10.0
 """How the speed of the rim may change, over two, where the wheel's rate is not known."""
 
@@ -68,7 +75,7 @@ class Path:
     """What the instants are found in: times (N,) in s, radius (N,) and arc (N,) in m of the measured positions with
     covariances (N, 2, 2), and how far the wheel has turned (N,) in rad; None where that is not known. `white` is the
     share of the standard deviations that differs from frame to frame; the rest goes slowly. `push_radius_m` is the
-    radius on which arcs are counted, `step_s` from frame to frame."""
+    radius on which arcs are counted, `step_s` from frame to frame, `shake_m` how far the camera shakes."""
 
     t_s: FloatArray
     radius_m: FloatArray
@@ -78,6 +85,7 @@ class Path:
     turned_rad: FloatArray | None
     push_radius_m: float
     step_s: float
+    shake_m: float = 0.0
 
     def near(self, low_s: float, high_s: float) -> "Path":
         """What of it is from one time to another."""
@@ -92,25 +100,17 @@ class Path:
 
 def instant(path: Path, kind: EventKind, guess_s: float, earliest_s: float, latest_s: float) -> Instant | str:
     """The instant near a guess, between two times that are surely before and after it; or why there is none."""
-    reach_s = max(_REACH_S, _FRAMES_SIDE * path.step_s) + _SEARCH_S / 2
-    search_s = max(_SEARCH_S, _FRAMES_SEARCH * path.step_s)
-    near = path.near(max(guess_s - reach_s, earliest_s), min(guess_s + reach_s, latest_s))
-    if len(near.t_s) < 2 * _LEAST_SIDE + 1:
+    found = _fitted(path, kind, guess_s, earliest_s, latest_s)
+    if found is None:
         return "too few positions were measured at it"
-    low = max(guess_s - search_s, float(near.t_s[_LEAST_SIDE - 1]))
-    high = min(guess_s + search_s, float(near.t_s[-_LEAST_SIDE]))
-    if high <= low:
-        return "too few positions were measured at it"
-    fit = _Fit(near, kind)
-    times = np.arange(low, high + _COARSE_S, _COARSE_S)
-    worst = fit.misfits(times)
-    best = int(worst.argmin())
+    fit, times, misfits = found
+    best = int(misfits.argmin())
     if best in (0, len(times) - 1):
         return "nothing in the path tells it from what is around it"
     times = times[best] + np.arange(-10, 11) * _FINE_S
     misfits = fit.misfits(times)
-    best = int(misfits.argmin())
-    scale = max(1.0, float(misfits[best]) / max(1, 2 * len(near.t_s) - fit.unknowns))
+    best, near = int(misfits.argmin()), fit.path
+    scale = max(1.0, float(misfits[best]) / fit.freedom)
     sd_s = fit.spread(float(times[best]), scale)
     if sd_s is None:
         return "nothing in the path tells it from what is around it"
@@ -119,6 +119,35 @@ def instant(path: Path, kind: EventKind, guess_s: float, earliest_s: float, late
         return f"{round(gap / path.step_s) - 1} frames are missing at it"
     sd_s = float(np.hypot(sd_s, _MODEL_S))
     return Instant(float(times[best]), sd_s, *fit.there(float(times[best]), sd_s, scale))
+
+
+def shake_of(path: Path, guesses: Sequence[tuple[EventKind, float, float, float]]) -> float:
+    """How far the camera shakes, m: the least with which the fits at guesses (kind, guess, earliest, latest) are as near
+    to the positions as these should be."""
+    some = guesses[:: max(1, len(guesses) // _SHAKE_EVENTS)]
+    for shake_m in _SHAKES_M:
+        shaken = replace(path, shake_m=shake_m)
+        fits = [found for guess in some if (found := _fitted(shaken, *guess)) is not None]
+        if not fits or np.median([misfits.min() / fit.freedom for fit, _, misfits in fits]) < _FITS:
+            return shake_m
+    return _SHAKES_M[-1]
+
+
+def _fitted(
+    path: Path, kind: EventKind, guess_s: float, earliest_s: float, latest_s: float
+) -> tuple["_Fit", FloatArray, FloatArray] | None:
+    """A fit near a guess, and its misfits for instants around it; None where there are too few positions."""
+    reach_s = max(_REACH_S, _FRAMES_SIDE * path.step_s) + _SEARCH_S / 2
+    search_s = max(_SEARCH_S, _FRAMES_SEARCH * path.step_s)
+    near = path.near(max(guess_s - reach_s, earliest_s), min(guess_s + reach_s, latest_s))
+    if len(near.t_s) < 2 * _LEAST_SIDE + 1:
+        return None
+    low = max(guess_s - search_s, float(near.t_s[_LEAST_SIDE - 1]))
+    high = min(guess_s + search_s, float(near.t_s[-_LEAST_SIDE]))
+    if high <= low:
+        return None
+    fit, times = _Fit(near, kind), np.arange(low, high + _COARSE_S, _COARSE_S)
+    return fit, times, fit.misfits(times)
 
 
 def _gap_at(t_s: FloatArray, at_s: float) -> float:
@@ -142,6 +171,9 @@ def _covariance(path: Path) -> FloatArray:
     out = np.einsum("ia,jb,ij->iajb", along, along, alike)
     index = np.arange(count)
     out[index, :, index, :] += path.covariance * min(1.0, path.white) ** 2 + 1e-10 * np.eye(2)
+    shakes = path.shake_m**2 * np.exp(-0.5 * (apart * _SLOW_S / np.sqrt(3) / _SHAKE_S) ** 2)
+    for k in range(2):
+        out[:, k, :, k] += shakes
     return out.reshape(2 * count, 2 * count)
 
 
@@ -149,7 +181,7 @@ class _Fit:
     """Weighted least squares of both paths for given instants."""
 
     def __init__(self, path: Path, kind: EventKind) -> None:
-        self._path, self._kind = path, kind
+        self.path, self._kind = path, kind
         self._root = np.linalg.inv(np.linalg.cholesky(_covariance(path)))
         turned = np.zeros_like(path.t_s) if path.turned_rad is None else path.turned_rad * path.push_radius_m
         self._arc0 = float(np.median(path.arc_m - turned))
@@ -160,7 +192,7 @@ class _Fit:
         (closing, share), (sd, sd_share) = _CLOSING
         self._closing = closing + share * speed_mps, sd + sd_share * speed_mps
         design, self._place, _ = self._design(path.t_s, path.t_s[:1])
-        self.unknowns = design.shape[-1]
+        self.freedom = max(1, 2 * len(path.t_s) - design.shape[-1])
 
     def misfits(self, times: FloatArray) -> FloatArray:
         """Sums of squares (G,) of the residuals for instants (G,)."""
@@ -184,15 +216,15 @@ class _Fit:
         times = time_s + np.array([-0.0005, 0.0, 0.0005])
         _, solution, covariance = self._solve(times)
         arc, free = self._place, _FREE_RADIUS if self._kind is EventKind.CONTACT else 1
-        turned = np.interp(times, self._path.t_s, self._turned)
-        angle = (self._arc0 + solution[:, arc] + turned) / self._path.push_radius_m
-        rate = np.gradient(self._turned, self._path.t_s)
+        turned = np.interp(times, self.path.t_s, self._turned)
+        angle = (self._arc0 + solution[:, arc] + turned) / self.path.push_radius_m
+        rate = np.gradient(self._turned, self.path.t_s)
         outward = solution[:, free]
-        along = solution[:, arc + free] + np.interp(times, self._path.t_s, rate)
+        along = solution[:, arc + free] + np.interp(times, self.path.t_s, rate)
         speed = np.hypot(outward, along)
         both = covariance[1][np.ix_([free, arc + free], [free, arc + free])]
         way = np.array([outward[1], along[1]]) / speed[1]
-        angle_sd = np.sqrt(scale * covariance[1, arc, arc]) / self._path.push_radius_m
+        angle_sd = np.sqrt(scale * covariance[1, arc, arc]) / self.path.push_radius_m
         speed_sd = np.sqrt(scale * way @ both @ way)
         return (
             float(angle[1]), float(np.hypot(angle_sd, (angle[2] - angle[0]) / 0.001 * sd_s)),
@@ -201,7 +233,7 @@ class _Fit:
 
     def _solve(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Misfits (G,), unknowns (G, P) and their covariances (G, P, P) for instants (G,)."""
-        design, _, prior = self._design(self._path.t_s, times)
+        design, _, prior = self._design(self.path.t_s, times)
         rows = self._root @ design.reshape(len(times), -1, design.shape[-1])
         turned = rows.transpose(0, 2, 1)
         normal = turned @ rows + np.diag(prior**2 + 1e-9)
@@ -222,7 +254,7 @@ class _Fit:
         on = tau >= 0 if self._kind is EventKind.CONTACT else tau <= 0
         held, free = np.where(on, tau, 0.0), np.where(on, 0.0, tau)
         one, air, bend = np.ones_like(tau), free, held**2
-        known = self._path.turned_rad is not None
+        known = self.path.turned_rad is not None
         slips = 1 / _SLIP_MPS if known else 0.0
         if self._kind is EventKind.CONTACT:
             gives = held * np.exp(-held / _SOFT_S)
@@ -230,7 +262,7 @@ class _Fit:
             first, off = [(free, 1 / self._closing[1])], [(air**2, 0.0), (air**3, 0.0)]
         else:
             held = tau
-            first, off = [], [(air**2, 0.0), (air**3, 0.0)]
+            first, off = [], [(air**2, 0.0), (air**3, 1 / _FREE[0]), (air**4, 1 / _FREE[1])]
         radius = [(one, 0.0), (held, 1 / _ROLL_MPS), *first, *off, (bend, 1 / _BEND_MPS2)]
         first = [(column, 0.0) for column, _ in first]
         arc = [(one, 0.0), (held, slips), *first, *off, *([] if known else [(bend, 1 / _TURN_MPS2)])]

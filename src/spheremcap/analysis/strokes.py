@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from spheremcap.analysis.curves import ArmCurves
-from spheremcap.analysis.events import Instant, Path, instant
+from spheremcap.analysis.events import Instant, Path, instant, shake_of
 from spheremcap.analysis.rim import AboutAxle, Wheel, about_axle
 from spheremcap.analysis.smoother import JointTrack
 from spheremcap.core.stroke import EventKind, Stroke, StrokeEvent
@@ -96,7 +96,9 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
         hand.t_s[seen], about.radius_m[seen], about.angle_rad[seen] * radius, about.covariance[seen], noise,
         None if hand.turned_rad is None else hand.turned_rad[seen], radius, hand.frame_s,
     )  # fmt: skip
-    told = [_instants(path, hand.t_s, pushes, k) for k in range(len(pushes))]
+    guesses = [_guesses(hand.t_s, pushes, k) for k in range(len(pushes))]
+    path = replace(path, shake_m=shake_of(path, [guess for both in guesses for guess in both]))
+    told = [(instant(path, *contact), instant(path, *release)) for contact, release in guesses]
     events, strokes = [], []
     for number, (contact, release) in enumerate(told):
         for kind, found in ((EventKind.CONTACT, contact), (EventKind.RELEASE, release)):
@@ -173,17 +175,16 @@ def _pushes(hand: Hand, about: AboutAxle, on_rim: BoolArray) -> list[tuple[int, 
     return found
 
 
-def _instants(
-    path: Path, t_s: FloatArray, pushes: list[tuple[int, int]], k: int
-) -> tuple[Instant | str, Instant | str]:
-    """Contact and release of a push."""
+_Guess = tuple[EventKind, float, float, float]
+
+
+def _guesses(t_s: FloatArray, pushes: list[tuple[int, int]], k: int) -> tuple[_Guess, _Guess]:
+    """Of contact and release of a push: kind, where about it is, and times surely before and after it."""
     first, last = (float(t_s[end]) for end in pushes[k])
     before = float(t_s[pushes[k - 1][1]]) if k > 0 else -np.inf
     after = float(t_s[pushes[k + 1][0]]) if k + 1 < len(pushes) else np.inf
     middle = (first + last) / 2
-    contact = instant(path, EventKind.CONTACT, first, before, middle)
-    release = instant(path, EventKind.RELEASE, last, middle, after)
-    return contact, release
+    return (EventKind.CONTACT, first, before, middle), (EventKind.RELEASE, last, middle, after)
 
 
 def _event(hand: Hand, kind: EventKind, stroke: int, found: Instant, radius_m: float) -> StrokeEvent:
