@@ -46,7 +46,7 @@ def means_part(found: Findings) -> str:
         cells = [cell for mean in means.values() for cell in _mean_cells(mean, quantity)]
         if not absent:
             cells += _compared_cells(means["left"], means["right"], quantity)
-        rows.append(row(f"{quantity.label}, {quantity.unit}", cells))
+        rows.append(row(f"{quantity.label},&nbsp;{quantity.unit}", cells))
     rows.append(_patterns_row(hands, compares=not absent))
     first = '<tr><th scope="col" rowspan="2">Per stroke</th>'
     second = ""
@@ -84,7 +84,7 @@ def _whole(stroke: Stroke) -> bool:
 
 
 def _patterns_row(hands: Mapping[str, Sequence[Stroke]], *, compares: bool) -> str:
-    cells = "".join(f'<td colspan="3">{_patterns(strokes) or NONE}</td>' for strokes in hands.values())
+    cells = "".join(f'<td class="across" colspan="3">{_patterns(strokes) or NONE}</td>' for strokes in hands.values())
     return f'<tr><th scope="row">Path of the recovery</th>{cells}{"<td></td>" * 2 if compares else ""}</tr>'
 
 
@@ -132,7 +132,8 @@ def sentences_part(found: Findings) -> str:
         parts.append(
             f"<h3>The {side} hand in words</h3>\n<ul>" + "".join(f"<li>{line}</li>" for line in said) + "</ul>"
         )
-    return "\n".join(parts)
+    said = "<p>±: how much it varies from stroke to stroke; “measured to”: how well a single stroke is known.</p>"
+    return "\n".join([said, *parts] if parts else [])
 
 
 _WORDS = {
@@ -188,18 +189,18 @@ def strokes_part(found: Findings) -> str:
         some = strokes[:SHOWN_ROWS] + strokes[-SHOWN_ROWS:]
         caption = f"The first {SHOWN_ROWS} and the last {SHOWN_ROWS} of {len(strokes)} strokes by time."
     caption += (
-        " ±: uncertainty of the value (one standard deviation). All strokes with all digits are in the file beside "
-        "this page whose name ends in .strokes.csv."
+        " ±: uncertainty of the value (one standard deviation). The file beside this page whose name ends in "
+        ".strokes.csv has all strokes with all digits, and says why a value is not there."
     )
     head = heads(
         "Time, s", "Hand", "No.", *(f"{q.label}, {q.unit}" for q in columns), *(["Wheel, rad/s"] if wheel else []),
-        "Path", "Measured", "Not there",
+        "Path", "Measured",
     )  # fmt: skip
     start_ns = int(found.stamp_ns[0]) if len(found.stamp_ns) else 0
     rows = []
     for k, stroke in enumerate(some):
         if k == SHOWN_ROWS and len(some) < len(strokes):
-            across = 6 + len(columns) + wheel
+            across = 5 + len(columns) + wheel
             rows.append(
                 f'<tr><td class="note" colspan="{across}">… {len(strokes) - len(some)} strokes left out …</td></tr>'
             )
@@ -208,7 +209,6 @@ def strokes_part(found: Findings) -> str:
         cells += [f"<td>{number(stroke.wheel_rad_s, 2)}</td>"] if wheel else []
         cells.append(f'<td class="word">{escape(stroke.pattern) or NONE}</td>')
         cells.append(f"<td>{percent(stroke.measured, 0)}</td>")
-        cells.append(f'<td class="note">{escape(stroke.missing)}</td>')
         time_s = number((stroke.stamp_ns - start_ns) / NS_PER_S, 3)
         rows.append(f'<tr><th scope="row">{time_s}</th>{"".join(cells)}</tr>')
     return table(caption, head, rows, "strokes")
