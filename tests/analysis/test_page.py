@@ -83,11 +83,12 @@ def stroke(side, k, **more):
     contact, push_deg = 60 + rng.normal(0, 3), 130 + rng.normal(0, 5)
     at = START_NS + round((0.3 + CYCLE_S * k + LATE_S[side]) * 1e9)
     known = {
-        "push_s": push, "push_sd_s": 0.002, "recovery_s": cycle - push, "recovery_sd_s": 0.003, "cycle_s": cycle, "cycle_sd_s": 0.002,
-        "frequency_hz": 1 / cycle, "frequency_sd_hz": 0.008, "contact_deg": contact, "contact_sd_deg": 1.5,
+        "push_s": push, "push_sd_s": 0.002, "recovery_s": cycle - push, "recovery_sd_s": 0.003,
+        "cycle_s": cycle, "cycle_sd_s": 0.002, "frequency_hz": 1 / cycle, "frequency_sd_hz": 0.008,
+        "contact_deg": contact, "contact_sd_deg": 1.5,
         "release_deg": contact + push_deg, "release_sd_deg": 2.0, "push_deg": push_deg, "push_sd_deg": 2.5,
-        "contact_mps": 3.5 + rng.normal(0, 0.1), "contact_sd_mps": 0.05, "recovery_end_mps": 3.2, "recovery_end_sd_mps": 0.04,
-        "wheel_rad_s": 20.0, "pattern": "around", "measured": 1.0,
+        "contact_mps": 3.5 + rng.normal(0, 0.1), "contact_sd_mps": 0.05,
+        "recovery_end_mps": 3.2, "recovery_end_sd_mps": 0.04, "wheel_rad_s": 20.0, "pattern": "around", "measured": 1.0,
     }  # fmt: skip
     return Stroke(at, side, f"{side}_wrist", k, **(known | more))
 
@@ -270,6 +271,18 @@ def test_quality_comes_first_and_is_as_found():
     assert sections == ["How good the recording is", "Strokes", "Left against right"]
     assert got.row("Where the camera", "it is forward")[1:] == ["1000 mm", "± 2.0 mm"]
     assert got.row("Where the camera", "it looks down")[1:] == ["0.0°", "± 0.11°"]  # sqrt(4e-6) rad
+
+
+def test_how_well_the_clocks_agree_is_said():
+    synced = {"samples": "9", "rate_hz": "200", "added": "+5 ms", "drift_ppm": "20", "sync_residual_ms": "0.421"}
+    synced |= {"sync_error_ms": "0.083", "sync_windows": "11 of 12"}
+    clocks = {"imu": synced, "wheel": {"samples": "7", "added": "nothing", "drift_ppm": "0"}}
+    got = read(session(session=replace(session().session, clocks=clocks)))
+    assert got.row("How the times", "imu")[1:] == [
+        "9", "200 Hz", "+5 ms", "20 ppm", "0.421 ms (11 of 12 windows agree)", "0.083 ms",
+    ]  # fmt: skip
+    assert got.row("How the times", "wheel")[1:] == ["7", "–", "nothing", "0 ppm", "–", "–"]
+    assert "Residual: how far apart the clocks are" in got.words
 
 
 def test_its_time_is_said_where_it_is_known():

@@ -87,8 +87,8 @@ def chair_part(found: Findings) -> str:
     title, chair = "<h3>The chair's frame</h3>", found.chair
     if chair is None:
         return (
-            title + "<p>There is none: nothing told where the camera is on the chair. So there are no strokes, and no "
-            "angles about the axle.</p>"
+            title + "<p>There is none: nothing told where the camera is on the chair. So there are no strokes, and "
+            "no angles about the axle.</p>"
         )
     sd = np.sqrt(np.maximum(np.diagonal(chair.covariance), 0.0))
     across, _, forward = np.clip(chair.rotation.T, -1.0, 1.0)
@@ -144,17 +144,25 @@ def clocks_part(found: Findings) -> str:
     rows = []
     for name, facts in clocks.items():
         told = {key: escape(str(value)) for key, value in facts.items()}
-        drift = told.get("drift_ppm")
-        rate = f"{told['rate_hz']} Hz" if "rate_hz" in told else NONE
-        cells = [told.get("samples", NONE), rate, told.get("added", NONE), f"{drift} ppm" if drift else NONE]
+        cells = [told.get("samples", NONE)]
+        cells += [
+            f"{told[key]} {unit}" if key in told else NONE for key, unit in (("rate_hz", "Hz"), ("drift_ppm", "ppm"))
+        ]
+        cells.insert(2, told.get("added", NONE))
+        if "sync_residual_ms" in told:
+            agreed = f" ({told['sync_windows']} windows agree)" if "sync_windows" in told else ""
+            cells += [f"{told['sync_residual_ms']} ms{agreed}", f"{told.get('sync_error_ms', NONE)} ms"]
+        else:
+            cells += [NONE, NONE]
         rows.append(row(escape(name), cells))
-    synced = any("sync with" in str(facts.get("added", "")) for facts in clocks.values())
+    synced = any("sync_residual_ms" in facts for facts in clocks.values())
     said = (
-        "Where it says “sync with”, the clock was found from the motion of a marker; how far single windows are from "
-        "it is in the recording under /sync/NAME/residual."
+        "Residual: how far apart the clocks are in single windows of the recording, as a standard deviation, once "
+        "offset and drift are taken away. Error: the uncertainty of the clock that was found, at its worse end: all "
+        "times of that input may be off by so much, alike."
         if synced
         else "No clock was found from motion (<code>merge --sync</code>): how well the clocks agree rests on what "
         "each says."
     )
-    head = heads("Input", "Samples", "Rate", "Added to its times", "Drift")
+    head = heads("Input", "Samples", "Rate", "Added to its times", "Drift", "Sync residual", "Sync error")
     return f"{title}{table('How the times of each input were put together', head, rows, 'words')}<p>{said}</p>"

@@ -132,8 +132,8 @@ def sentences_part(found: Findings) -> str:
         parts.append(
             f"<h3>The {side} hand in words</h3>\n<ul>" + "".join(f"<li>{line}</li>" for line in said) + "</ul>"
         )
-    said = "<p>±: how much it varies from stroke to stroke; “measured to”: how well a single stroke is known.</p>"
-    return "\n".join([said, *parts] if parts else [])
+    which = "<p>±: how much it varies from stroke to stroke; “measured to”: how well a single stroke is known.</p>"
+    return "\n".join([which, *parts] if parts else [])
 
 
 _WORDS = {
