@@ -288,7 +288,7 @@ def test_how_well_the_clocks_agree_is_said():
 def test_its_time_is_said_where_it_is_known():
     found = session()
     assert "2025-06-15 15:06:40 UTC · 5.0 s · 600 frames · 120.00 frames a second" in read(found).words
-    late = replace(found, stamp_ns=found.stamp_ns - START_NS, hands={})
+    late = replace(found, stamp_ns=found.stamp_ns - START_NS + 7_000_000_000, hands={})
     assert "The recording does not say when it was · 5.0 s" in read(late).words
 
 
@@ -393,7 +393,8 @@ def test_the_path_is_seen_with_forward_to_the_right_and_up_above():
     """Contact just past the top is drawn above and to the right of the axle, release below it."""
     found = session(hands={"left": hand("left", [stroke("left", k, push_s=0.2) for k in range(3)])})
     t_s = (found.stamp_ns - START_NS) / 1e9
-    angle = np.radians(40 + 140 * np.clip((t_s - 0.315) % CYCLE_S / 0.2, 0, 1))
+    after_s = (t_s - 0.3 - LATE_S["left"]) % CYCLE_S
+    angle = np.radians(np.interp(after_s, [0.0, 0.2, 0.25, 0.4, CYCLE_S], [40, 180, 180, 40, 40]))
     xyz = np.stack([RIM_M * np.sin(angle), np.full_like(angle, 0.3), RIM_M * np.cos(angle)], 1).astype(np.float32)
     found = replace(found, arms={"left": replace(found.arms["left"], xyz_m=xyz)})
     html = page(found, [])
@@ -404,6 +405,11 @@ def test_the_path_is_seen_with_forward_to_the_right_and_up_above():
     assert float(contact[1]) > x + 20
     assert float(contact[2]) < y - 20
     assert float(release[2]) > y + 100
+    arc = re.search(r'class="left arc" points="([^"]*)"', html)[1].split()
+    for drawn, mark in ((arc[0], contact), (arc[-1], release)):  # inside of the marks, as seen from the axle
+        px, py = map(float, drawn.split(","))
+        assert px - x == pytest.approx(0.88 * (float(mark[1]) - x), abs=2)
+        assert py - y == pytest.approx(0.88 * (float(mark[2]) - y), abs=2)
 
 
 def test_a_gap_is_not_drawn_over():
@@ -431,6 +437,11 @@ def test_half_an_hour_is_less_than_a_megabyte():
     assert "The file beside this page whose name ends in .strokes.csv has all strokes" in got.words
     assert "30 min 1 s" in got.words
     assert got.row("Means", "Push time")[3] == "3600"
+
+
+def test_a_fast_camera_makes_no_larger_page():
+    slow, fast = (page(session(cycles=12, fps=fps), []) for fps in (240, 4000))
+    assert len(fast) < 1.3 * len(slow)
 
 
 def test_numbers_are_for_people():
