@@ -168,6 +168,7 @@ def test_means_are_those_of_the_strokes():
     assert got.row("Means", "Push share")[4].startswith(f"{share:.1f} ± ")
     pushes = 1e3 * np.array([s.push_s for s in found.hands["right"].strokes])
     lasts = f"{pushes.mean():.0f} ± {pushes.std(ddof=1):.0f} ms"
+    assert got.row("Means", "Path of the recovery")[1:3] == ["8 × around", "8 × around"]
     assert f"The right hand is on the rim for {lasts}, {share:.0f} % of its stroke" in got.words
 
 

@@ -11,6 +11,7 @@ _NOISY = 1.5
 
 
 def quality_part(found: Findings) -> str:
+    """How much of each marker was measured."""
     if not found.quality:
         return "<p>There are no markers in the recording.</p>"
     rows = []
@@ -49,6 +50,7 @@ def quality_part(found: Findings) -> str:
 
 
 def lengths_part(found: Findings) -> str:
+    """Whether segments keep their lengths."""
     title = "<h3>Segment lengths</h3>"
     if not found.lengths:
         return title + "<p>No two markers are on one part of the body: no length can be checked.</p>"
@@ -84,6 +86,7 @@ def lengths_part(found: Findings) -> str:
 
 
 def chair_part(found: Findings) -> str:
+    """What the chair's frame rests on and how well it is known."""
     title, chair = "<h3>The chair's frame</h3>", found.chair
     if chair is None:
         return (
@@ -138,6 +141,7 @@ def chair_part(found: Findings) -> str:
 
 
 def clocks_part(found: Findings) -> str:
+    """How the inputs' clocks were put together."""
     title, clocks = "<h3>Clocks</h3>", found.session.clocks
     if not clocks:
         return title + "<p>The recording was not merged with others: there is one clock.</p>"

@@ -33,6 +33,7 @@ def _hands(found: Findings) -> dict[str, tuple[Stroke, ...]]:
 
 
 def means_part(found: Findings) -> str:
+    """Means over strokes of each hand, and their difference."""
     hands = _hands(found)
     if not hands:
         return "<p>No strokes were found. Why is said at the top of the page.</p>"
@@ -91,7 +92,7 @@ def _patterns_row(hands: Mapping[str, Sequence[Stroke]], *, compares: bool) -> s
 def _patterns(strokes: Sequence[Stroke]) -> str:
     """How often each path of the recovery is, most often first; "" where none is known."""
     counts = Counter(stroke.pattern for stroke in strokes if stroke.pattern)
-    return listed([f"{escape(name)} {count}" for name, count in sorted(counts.items(), key=lambda c: (-c[1], c[0]))])
+    return listed([f"{count} × {escape(name)}" for name, count in sorted(counts.items(), key=lambda c: (-c[1], c[0]))])
 
 
 def _mean_cells(mean: Mean | None, quantity: Quantity) -> list[str]:
@@ -163,6 +164,7 @@ def _share(means: Mapping[str, tuple[Mean, Quantity]]) -> str:
 
 
 def timing_part(found: Findings) -> str:
+    """Which hand takes hold first."""
     hands = _hands(found)
     if len(hands) < 2:
         return ""
@@ -179,6 +181,7 @@ def timing_part(found: Findings) -> str:
 
 
 def strokes_part(found: Findings) -> str:
+    """The table of all strokes, of a long session those at its ends."""
     strokes = sorted((s for some in _hands(found).values() for s in some), key=lambda s: (s.stamp_ns, s.side))
     if not strokes:
         return "<p>There are none.</p>"
