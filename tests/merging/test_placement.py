@@ -144,6 +144,12 @@ def test_a_recordings_own_clock_carries_what_is_placed_by_it(tmp_path: Path) -> 
     assert back.tracks["left_wrist"].stamp_ns[0] == start + 2 * S
     line = next(p.line() for p in dataset.placements if p.name == "imu")
     assert "(sync with left_wrist)" in line
+    with open(tmp_path / "both.mcap", "rb") as file:
+        facts = {m.name.rpartition("/")[0]: m.metadata for m in make_reader(file).iter_metadata()}
+    sync = dataset.syncs["imu"]
+    assert facts["spheremcap/clock/imu"]["sync_residual_ms"] == f"{sync.residual_s * 1e3:.3f}"
+    assert facts["spheremcap/clock/imu"]["sync_error_ms"] == f"{sync.error_s * 1e3:.3f}"
+    assert "sync_residual_ms" not in facts["spheremcap/clock/crank"]
 
 
 def test_a_sensor_that_has_run_for_long_is_synchronised_from_the_recordings_start(tmp_path: Path) -> None:

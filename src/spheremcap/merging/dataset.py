@@ -161,7 +161,8 @@ def merge(
             say(notes[-1])
             streams.append(FramesStream(apart_frames, _own_topic(recordings), [p.span_ns for p in placements]))
         for log, place in placed:
-            streams.append(SensorStream(log, place.clock, facts=place.facts()))
+            sync_facts = syncs[log.name].facts() if log.name in syncs else {}
+            streams.append(SensorStream(log, place.clock, facts=place.facts() | sync_facts))
             if log.name in syncs:
                 topic = f"/sync/{log.name}/residual"
                 streams.append(SensorStream(residual_log(syncs[log.name], log.name), topic=topic))

@@ -117,6 +117,14 @@ class Sync:
         """Positive when the sensor's clock is too slow."""
         return float(self.clock.drift) * 1e6
 
+    def facts(self) -> dict[str, str]:
+        """How good it is, for a metadata record beside the clock."""
+        return {
+            "sync_residual_ms": f"{self.residual_s * 1e3:.3f}",
+            "sync_error_ms": f"{self.error_s * 1e3:.3f}",
+            "sync_windows": f"{int(self.agreed.sum())} of {len(self.agreed)}",
+        }
+
     def line(self) -> str:
         """The result in one line, for a person."""
         return (
