@@ -28,6 +28,8 @@ _FRAMES_SEARCH = 2.0
 _AWAY_S = np.concatenate([[0.0], np.geomspace(0.0001, 0.03, 24)])
 _LEAST_SIDE = 3
 """Measured positions that are needed on either side."""
+_GUESS_SD_S = 0.010
+"""How well it is known where the wrist goes along the rim, without a fit."""
 _MOST_MISSING = 3.5
 """Frames from one measured position to the next, across which an instant is still told."""
 _SLOW_S = 0.04
@@ -60,7 +62,8 @@ _TURN_MPS2 = 10.0
 @dataclass(frozen=True, slots=True)
 class Instant:
     """A contact or release at `t_s`, the wrist's angle about the axle there, and its speed in the wheel's plane, just
-    before contact or at release, with their standard deviations."""
+    before contact or at release, with their standard deviations. One that was not `fitted` is where the wrist was first
+    or last seen to go along the rim."""
 
     t_s: float
     sd_s: float
@@ -68,6 +71,7 @@ class Instant:
     angle_sd_rad: float
     speed_mps: float
     speed_sd_mps: float
+    fitted: bool
 
 
 @dataclass(frozen=True)
@@ -106,24 +110,33 @@ def instant(path: Path, kind: EventKind, guess_s: float, earliest_s: float, late
     fit, times, misfits = found
     best = int(misfits.argmin())
     if best in (0, len(times) - 1):
-        return "nothing in the path tells it from what is around it"
+        return _unfitted(fit, guess_s)
     times = times[best] + np.arange(-10, 11) * _FINE_S
     misfits = fit.misfits(times)
     best, near = int(misfits.argmin()), fit.path
     scale = max(1.0, float(misfits[best]) / fit.freedom)
     sd_s = fit.spread(float(times[best]), scale)
     if sd_s is None:
-        return "nothing in the path tells it from what is around it"
+        return _unfitted(fit, guess_s)
     gap = _gap_at(near.t_s, float(times[best]))
     if gap > _MOST_MISSING * path.step_s:
         return f"{round(gap / path.step_s) - 1} frames are missing at it"
     sd_s = float(np.hypot(sd_s, _MODEL_S))
-    return Instant(float(times[best]), sd_s, *fit.there(float(times[best]), sd_s, scale))
+    return Instant(float(times[best]), sd_s, *fit.there(float(times[best]), sd_s, scale), True)
+
+
+def _unfitted(fit: "_Fit", guess_s: float) -> Instant | str:
+    """The guess itself, as widely as it may be off, where the fit tells nothing."""
+    gap = _gap_at(fit.path.t_s, guess_s)
+    if gap > _MOST_MISSING * fit.path.step_s:
+        return f"{round(gap / fit.path.step_s) - 1} frames are missing at it"
+    sd_s = max(_GUESS_SD_S, fit.path.step_s)
+    return Instant(guess_s, sd_s, *fit.there(guess_s, sd_s, 1.0), False)
 
 
 def shake_of(path: Path, guesses: Sequence[tuple[EventKind, float, float, float]]) -> float:
-    """How far the camera shakes, m: the least with which the fits at guesses (kind, guess, earliest, latest) are as near
-    to the positions as these should be."""
+    """How far the camera shakes, m: the least with which the fits at guesses (kind, guess, earliest, latest) are as
+    near to the positions as these should be."""
     some = guesses[:: max(1, len(guesses) // _SHAKE_EVENTS)]
     for shake_m in _SHAKES_M:
         shaken = replace(path, shake_m=shake_m)

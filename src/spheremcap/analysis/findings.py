@@ -18,7 +18,7 @@ from spheremcap.core.camera import Camera
 from spheremcap.core.chair import ChairClick
 from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import UsageError
-from spheremcap.io.poses import Poses
+from spheremcap.io.poses import Poses, without_focal
 from spheremcap.io.recording import Sensor
 
 FloatArray = npt.NDArray[np.float64]
@@ -159,16 +159,12 @@ def _unnamed(joints: Mapping[tuple[str, str], str], settings: AnalysisSettings, 
 
 
 def _track(session: Session, poses: Poses, stamps: npt.NDArray[np.int64], stamp_s: FloatArray) -> JointTrack:
-    """A marker on all frames, in the camera's frame, at the times when its rows were exposed; without what the focal
-    length's uncertainty adds to every covariance, for that is the same error on all frames."""
+    """A marker on all frames, in the camera's frame, at the times when its rows were exposed."""
     at = np.searchsorted(stamps, poses.stamp_ns)
     xyz, packed = (np.full((len(stamps), width), np.nan, np.float32) for width in (3, 6))
     xyz[at] = poses.xyz_cam_m
-    packed[at] = poses.covariance_m2
     camera, t_s = session.camera, stamp_s
-    if camera is not None and camera.focal_sd:
-        for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
-            packed[:, k] -= xyz[:, i] * xyz[:, j] * np.float32(camera.focal_sd**2)
+    packed[at] = without_focal(poses, 0.0 if camera is None else camera.focal_sd)
     if camera is not None and session.readout_s:
         row = np.zeros(len(stamps))
         row[at] = np.nan_to_num(poses.circle_px[:, 1] / (camera.height_px - 1) - 0.5)

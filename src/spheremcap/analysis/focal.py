@@ -2,10 +2,11 @@
 
 A sphere's picture gives its place across the line of sight whatever the focal length is, and its distance in proportion
 to it. So the distance of two markers on one rigid part comes out the same in all attitudes for the true focal length
-only. What is looked for is the factor k on the given camera's focal lengths under which the lengths of all pairs vary
-least, each weighted by what its positions' covariances make of it. Noise alone makes k too small, for it lengthens what
+only. What is looked for is the factor k on the given camera's focal lengths under which a pair's length varies least,
+each weighted by what its positions' covariances make of it. Noise alone makes k too small, for it lengthens what
 points in depth; it is taken out by adding more of it and going back to none (SIMEX, Cook and Stefanski 1994). The
-standard deviation is that of a bootstrap over stretches of time, as positions near in time err alike.
+standard deviation is that of a bootstrap over stretches of time, as positions near in time err alike; of several pairs
+also that of their differences.
 """
 
 from collections.abc import Sequence
@@ -63,16 +64,31 @@ def focal_of(pairs: Sequence[Pair], camera: Camera) -> Focal:
     if not pairs:
         raise ValueError("no pair of markers was measured together")
     used = [_thinned(pair) for pair in pairs]
-    rng = np.random.default_rng(0)
-    table = _Table(used, camera)
+    told = [_alone(pair, camera) for pair in used]
+    factor, sd = _together(np.array([factor for factor, _ in told]), np.array([sd for _, sd in told]))
+    lengths, varies, turned = zip(*(_Table(pair, camera).length(factor) for pair in used), strict=True)
+    return Focal(factor, sd, lengths, varies, max(turned), _refusal(factor, sd, varies, max(turned)))
+
+
+def _alone(pair: Pair, camera: Camera) -> tuple[float, float]:
+    """What one pair says of the factor, and its standard deviation."""
+    rng, table = np.random.default_rng(0), _Table(pair, camera)
     rough, _ = table.factor(table.places)
     plain, moved = table.factor(table.places, rough)
     noisier = [table.factor(table.noisy(rng), plain)[0] for _ in range(5)]
-    factor = 2 * plain - float(np.mean(noisier))
     resampled = [table.least(moved, table.drawn(rng)) for _ in range(_RESAMPLED)]
-    sd = float(np.std(resampled, ddof=1))
-    lengths, varies, turned = table.lengths(factor)
-    return Focal(factor, sd, lengths, varies, turned, _refusal(factor, sd, varies, turned))
+    return 2 * plain - float(np.mean(noisier)), float(np.std(resampled, ddof=1))
+
+
+def _together(factors: FloatArray, sds: FloatArray) -> tuple[float, float]:
+    """One factor from several: what a pair errs by beside its own scatter (light, a strap that slips) is as large as
+    makes them agree (DerSimonian and Laird 1986)."""
+    weight = 1 / sds**2
+    mean = float((weight * factors).sum() / weight.sum())
+    spread = float((weight * (factors - mean) ** 2).sum()) - (len(factors) - 1)
+    between = max(0.0, spread / (weight.sum() - (weight**2).sum() / weight.sum())) if len(factors) > 1 else 0.0
+    weight = 1 / (sds**2 + between)
+    return float((weight * factors).sum() / weight.sum()), float(1 / np.sqrt(weight.sum()))
 
 
 def _refusal(factor: float, sd: float, varies: Sequence[float], turned_deg: float) -> str:
@@ -98,84 +114,85 @@ def _thinned(pair: Pair) -> Pair:
     )  # fmt: skip
 
 
-_Places = list[tuple[FloatArray, FloatArray]]
+_Places = tuple[FloatArray, FloatArray]
 
 
 class _Table:
-    """What does not change from factor to factor."""
+    """A pair, and what does not change from factor to factor."""
 
-    def __init__(self, pairs: Sequence[Pair], camera: Camera) -> None:
-        self._pairs, self._camera = pairs, camera
-        self.places: _Places = [(pair.first_m, pair.last_m) for pair in pairs]
-        self._stretches = [np.unique(pair.t_s // _STRETCH_S, return_inverse=True)[1] for pair in pairs]
+    def __init__(self, pair: Pair, camera: Camera) -> None:
+        self._pair, self._camera = pair, camera
+        self.places: _Places = (pair.first_m, pair.last_m)
+        self._stretch = np.unique(pair.t_s // _STRETCH_S, return_inverse=True)[1]
 
     def noisy(self, rng: np.random.Generator) -> _Places:
         """The places with as much noise again as they have."""
-        found = []
-        for pair in self._pairs:
-            both = []
-            for xyz, covariance in ((pair.first_m, pair.first_m2), (pair.last_m, pair.last_m2)):
-                root = np.linalg.cholesky(covariance + 1e-12 * np.eye(3))
-                both.append(xyz + (root @ rng.standard_normal((len(xyz), 3, 1)))[:, :, 0])
-            found.append((both[0], both[1]))
-        return found
+        both = []
+        for xyz, covariance in zip(self.places, (self._pair.first_m2, self._pair.last_m2), strict=True):
+            root = np.linalg.cholesky(covariance + 1e-12 * np.eye(3))
+            both.append(xyz + (root @ rng.standard_normal((len(xyz), 3, 1)))[:, :, 0])
+        return both[0], both[1]
 
-    def drawn(self, rng: np.random.Generator) -> list[FloatArray]:
-        """How often each frame counts when stretches are drawn anew."""
-        counts = []
-        for stretch in self._stretches:
-            count = int(stretch.max()) + 1
-            counts.append(np.bincount(rng.integers(0, count, count), minlength=count)[stretch].astype(np.float64))
-        return counts
+    def drawn(self, rng: np.random.Generator) -> FloatArray:
+        """How often each frame counts when stretches are drawn anew, (N,)."""
+        count = int(self._stretch.max()) + 1
+        drawn = np.bincount(rng.integers(0, count, count), minlength=count)
+        out: FloatArray = drawn[self._stretch].astype(np.float64)
+        return out
 
     def factor(self, places: _Places, near: float | None = None) -> tuple[float, "_Moved"]:
-        """The factor under which the lengths vary least, of all or of those near one; and the places under some."""
+        """The factor under which the length varies least, of all or of those near one; and the places under some."""
         ends = _WIDEST if near is None else (near * 0.94, near * 1.06)
         grid = np.geomspace(*ends, 13 if near is None else 5)
-        moved = _Moved(grid, [[_at_factor(xyz, r, self._camera, k) for k in grid] for xyz, r in self._spheres(places)])
+        moved = _Moved(grid, [self._at(places, float(k)) for k in grid])
         return self.least(moved), moved
 
-    def least(self, moved: "_Moved", counts: Sequence[FloatArray] | None = None) -> float:
-        """The factor under which the lengths vary least; `counts` (N,) of each pair is how often a frame counts."""
+    def least(self, moved: "_Moved", counts: FloatArray | None = None) -> float:
+        """The factor under which the length varies least; `counts` (N,) is how often a frame counts."""
 
         def misfit(k: float) -> float:
-            total = 0.0
-            for number, pair in enumerate(self._pairs):
-                length, variance = _lengths(pair, moved.at(2 * number, k), moved.at(2 * number + 1, k), k)
-                weight = 1 / variance if counts is None else counts[number] / variance
-                mean = float((weight * length).sum() / weight.sum())
-                # As shares of the length: under a factor that shrinks all, all would vary less.
-                total += float((weight * (length / mean - 1) ** 2).sum() * np.median(variance))
-            return total
+            length, variance = _lengths(self._pair, *moved.at(k), k)
+            weight = (1.0 if counts is None else counts) / variance
+            mean = float((weight * length).sum() / weight.sum())
+            # As a share of the length: under a factor that shrinks all, all would vary less.
+            return float((weight * (length / mean - 1) ** 2).sum() * np.median(variance))
 
         coarse = [misfit(float(k)) for k in moved.grid]
         best = int(np.clip(np.argmin(coarse), 1, len(coarse) - 2))
         ends = moved.grid[best - 1], moved.grid[best + 1]
         return float(minimize_scalar(misfit, bounds=ends, method="bounded", options={"xatol": 1e-5}).x)
 
-    def _spheres(self, places: _Places) -> list[tuple[FloatArray, float]]:
-        return [
-            (xyz, radius)
-            for (first, last), pair in zip(places, self._pairs, strict=True)
-            for xyz, radius in ((first, pair.radii_m[0]), (last, pair.radii_m[1]))
-        ]
+    def length(self, k: float) -> tuple[float, float, float]:
+        """The median length under a factor, its robust spread beside the noise as a share, and how far the part turns
+        in depth, degrees."""
+        first, last = self._at(self.places, k)
+        length, variance = _lengths(self._pair, first, last, k)
+        median = float(np.median(length))
+        own = 1.4826 * float(np.median(np.abs(length - median)))
+        attitude = np.degrees(np.arcsin(np.clip(np.abs((last - first)[:, 2]) / length, 0, 1)))
+        return (
+            median, float(np.sqrt(max(0.0, own**2 - float(np.median(variance))))) / median,
+            float(np.percentile(attitude, 95) - np.percentile(attitude, 5)),
+        )  # fmt: skip
 
-    def lengths(self, k: float) -> tuple[tuple[float, ...], tuple[float, ...], float]:
-        """The pairs' median lengths, their robust spreads as shares, and how far they turn in depth, degrees."""
-        medians, spreads, turned = [], [], []
-        for pair in self._pairs:
-            first, last = (
-                _at_factor(xyz, r, self._camera, k)
-                for xyz, r in ((pair.first_m, pair.radii_m[0]), (pair.last_m, pair.radii_m[1]))
-            )
-            length, variance = _lengths(pair, first, last, k)
-            median = float(np.median(length))
-            own = 1.4826 * float(np.median(np.abs(length - median)))
-            medians.append(median)
-            spreads.append(np.sqrt(max(0.0, own**2 - float(np.median(variance)))) / median)
-            attitude = np.degrees(np.arcsin(np.clip(np.abs((last - first)[:, 2]) / length, 0, 1)))
-            turned.append(float(np.percentile(attitude, 95) - np.percentile(attitude, 5)))
-        return tuple(medians), tuple(spreads), max(turned)
+    def _at(self, places: _Places, k: float) -> _Places:
+        first, last = (_at_factor(xyz, r, self._camera, k) for xyz, r in zip(places, self._pair.radii_m, strict=True))
+        return first, last
+
+
+@dataclass(frozen=True)
+class _Moved:
+    """Both markers' places under some factors, `grid`."""
+
+    grid: FloatArray
+    places: list[_Places]
+
+    def at(self, k: float) -> _Places:
+        """Under any factor, between the grid's on either side."""
+        n = int(np.clip(np.searchsorted(self.grid, k), 1, len(self.grid) - 1))
+        share = (k - self.grid[n - 1]) / (self.grid[n] - self.grid[n - 1])
+        (a, b), (c, d) = self.places[n - 1], self.places[n]
+        return a * (1 - share) + c * share, b * (1 - share) + d * share
 
 
 def _lengths(pair: Pair, first: FloatArray, last: FloatArray, k: float) -> tuple[FloatArray, FloatArray]:
@@ -186,20 +203,6 @@ def _lengths(pair: Pair, first: FloatArray, last: FloatArray, k: float) -> tuple
     stretch = way * np.array([1.0, 1.0, k])  # depths' errors grow as the depths do
     variance = np.einsum("ni,nij,nj->n", stretch, pair.first_m2 + pair.last_m2, stretch)
     return length, np.maximum(variance, 1e-10)
-
-
-@dataclass(frozen=True)
-class _Moved:
-    """Places under some factors: (N, 3) for each of `grid`, of each marker."""
-
-    grid: FloatArray
-    places: list[list[FloatArray]]
-
-    def at(self, marker: int, k: float) -> FloatArray:
-        """Under any factor, between the grid's on either side."""
-        n = int(np.clip(np.searchsorted(self.grid, k), 1, len(self.grid) - 1))
-        share = (k - self.grid[n - 1]) / (self.grid[n] - self.grid[n - 1])
-        return self.places[marker][n - 1] * (1 - share) + self.places[marker][n] * share
 
 
 def _at_factor(xyz_cam_m: FloatArray, radius_m: float, camera: Camera, k: float) -> FloatArray:

@@ -21,12 +21,19 @@ _SLIP = 0.15
 """How much slower or faster than the rim a hand on it may be, as a share."""
 _FORWARD = 0.3
 """Of its fastest usual rate about the axle, what a hand has to go forward with to push, where it is not known."""
+_SLOW_S = 0.08
+"""What errs in a marker's distance takes about so long to come and go."""
 _LEAVES_MPS = 0.35
 """How fast inward or outward a wrist may move while its hand is on the rim."""
 _HOLE_S, _SHORTEST_S, _SHORTEST_RAD = 0.025, 0.030, float(np.radians(20.0))
 """A push may not be measured for so long within; it lasts so long, and goes so far, at least."""
 _WRISTS_M = (-0.03, 0.09)
 """How far outward of the rim a wrist on it can be."""
+_EXTENT_S = 0.10
+"""How far beyond what was first seen of a push it may go on."""
+_STRAYS_M, _AWAY = (0.003, 0.002), 9.0
+"""How far in and out a wrist rolls and along the rim it creeps within a push, and how many standard deviations,
+squared, off its way it has left the rim: on three frames in a row."""
 _RECOVERY_END = 0.1
 _PATTERN_M = 0.025
 """How far from the push's circle a recovery has to go to be above or below it."""
@@ -82,15 +89,17 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
     """Contacts, releases and strokes of a hand; `rim_radius_m` bounds where the push's circle is looked for."""
     track, noise = hand.track, hand.noise
     about = about_axle(track.xyz_m.astype(np.float64), track.covariance(), hand.wheel)
-    rate, leaving = _going(hand)
+    rate, leaving, unsure = _going(hand, about)
     turning = None if hand.turned_rad is None else np.gradient(hand.turned_rad, hand.t_s)
-    radius = _push_radius(about, rate, turning, rim_radius_m)
+    radius = _push_radius(about, _along(rate, turning, unsure), rate, rim_radius_m)
     if radius is None:
         return HandStrokes(hand.wheel, np.nan, (), (), (f"{hand.side} hand: it never goes along a rim",))
-    near = (np.abs(np.nan_to_num(about.radius_m, nan=np.inf) - radius) < _ON_RIM_M) & ~leaving
-    pushes = _pushes(hand, about, near & _along(rate, turning))
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(about.radius_m - radius) < _ON_RIM_M + 2 * np.sqrt(about.covariance[:, 0, 0])) & ~leaving
+    pushes = _pushes(hand, about, near & _along(rate, turning, unsure))
     if turning is None and pushes:
-        pushes = _pushes(hand, about, near & _along(rate, _rim_rate(hand, rate, pushes)))
+        pushes = _pushes(hand, about, near & _along(rate, _rim_rate(hand, rate, pushes), unsure))
+    pushes = _whole(hand, about, pushes, radius)
     seen = np.isfinite(about.radius_m)
     path = Path(
         hand.t_s[seen], about.radius_m[seen], about.angle_rad[seen] * radius, about.covariance[seen], noise,
@@ -111,32 +120,34 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
     return HandStrokes(hand.wheel, radius, tuple(events), kept, notes)
 
 
-def _going(hand: Hand) -> tuple[FloatArray, BoolArray]:
-    """How fast the wrist goes round its axle, rad/s (N,), and where it surely goes in or out (N,), from the smoothed
-    motion; NaN and False where there is none."""
+def _going(hand: Hand, about: AboutAxle) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """How fast the wrist goes round its axle, rad/s (N,), where it surely goes in or out (N,), and how unsure that rate
+    is (N,), from the smoothed motion; NaN and False where there is none. What errs in a marker's distance does so
+    slowly, and looks like a motion."""
     u, v, _ = hand.wheel.axes @ (hand.curves.xyz_m - hand.wheel.hub_m).T
     du, dv, _ = hand.wheel.axes @ hand.curves.velocity_mps.T.astype(np.float64)
     far = np.hypot(u, v)
-    unsure = np.minimum(2 * hand.curves.values["speed_sd_mps"], _LEAVES_MPS)
+    slow = np.sqrt(np.diagonal(about.covariance, axis1=1, axis2=2)) / _SLOW_S
+    slow = np.minimum(np.nan_to_num(slow), _LEAVES_MPS)
     with np.errstate(invalid="ignore"):
-        return (v * du - u * dv) / far**2, np.abs((u * du + v * dv) / far) > _LEAVES_MPS + unsure
+        leaving = np.abs((u * du + v * dv) / far) > _LEAVES_MPS + slow[:, 0]
+        return (v * du - u * dv) / far**2, leaving, slow[:, 1] / far
 
 
-def _along(rate: FloatArray, turning: FloatArray | None) -> BoolArray:
-    """Where a hand goes round as fast as the rim; where it goes forward well, as far as the rim's rate is not known."""
+def _along(rate: FloatArray, turning: FloatArray | None, unsure: FloatArray) -> BoolArray:
+    """Where a hand goes round as fast as the rim, as far as rates are sure (N,) in rad/s; where it goes forward well,
+    as far as the rim's rate is not known."""
     forward = rate > _FORWARD * float(np.nanpercentile(rate, 90))
     if turning is None:
         return forward
     with np.errstate(invalid="ignore"):
-        along = (np.abs(rate - turning) < _SLIP * turning) & forward
+        along = (np.abs(rate - turning) < _SLIP * turning + unsure) & forward
     return np.where(np.isnan(turning), forward, along)
 
 
-def _push_radius(
-    about: AboutAxle, rate: FloatArray, turning: FloatArray | None, rim_radius_m: float | None
-) -> float | None:
+def _push_radius(about: AboutAxle, along: BoolArray, rate: FloatArray, rim_radius_m: float | None) -> float | None:
     """The radius that wrists keep to while they go round with the rim: where most of their way is."""
-    fits = _along(rate, turning) & np.isfinite(about.radius_m)
+    fits = along & np.isfinite(about.radius_m)
     if rim_radius_m is not None:
         low, high = (rim_radius_m + more for more in _WRISTS_M)
         fits &= (about.radius_m > low) & (about.radius_m < high)
@@ -175,6 +186,50 @@ def _pushes(hand: Hand, about: AboutAxle, on_rim: BoolArray) -> list[tuple[int, 
     return found
 
 
+def _whole(hand: Hand, about: AboutAxle, pushes: list[tuple[int, int]], radius_m: float) -> list[tuple[int, int]]:
+    """Pushes as far as the wrist goes on as it does in their middles: what errs slowly in its distance cuts them up."""
+    found: list[tuple[int, int]] = []
+    for first, last in pushes:
+        if found and last <= found[-1][1]:
+            continue
+        low, high = _extent(hand, about, first, last, radius_m)
+        if found and low <= found[-1][1]:
+            low, high = found[-1][0], max(high, found[-1][1])
+            found.pop()
+        found.append((low, high))
+    return found
+
+
+def _extent(hand: Hand, about: AboutAxle, first: int, last: int, radius_m: float) -> tuple[int, int]:
+    """First and last frames on which the wrist is where its push's middle says that it would be."""
+    quarter = (last - first) // 4
+    low = int(np.searchsorted(hand.t_s, hand.t_s[first] - _EXTENT_S))
+    part = slice(low, int(np.searchsorted(hand.t_s, hand.t_s[last] + _EXTENT_S, "right")))
+    t, radius, angle = hand.t_s[part], about.radius_m[part], about.angle_rad[part]
+    middle = slice(first + quarter - low, last - quarter + 1 - low)
+    seen = np.isfinite(radius)
+    known = hand.turned_rad is not None and np.isfinite(hand.turned_rad[part]).all()
+    if known and hand.turned_rad is not None:
+        turned = hand.turned_rad[part]
+    else:
+        own = seen[middle]
+        turned = np.polyval(np.polyfit(t[middle][own] - t[0], angle[middle][own], 1), t - t[0])
+    off = np.stack([radius, (angle - turned) * radius_m], axis=1)
+    off = off - np.nanmedian(off[middle], axis=0)
+    allowed = about.covariance[part] + np.diag(np.square(_STRAYS_M))
+    with np.errstate(invalid="ignore"):
+        away = np.einsum("ni,nij,nj->n", off, np.linalg.inv(np.where(seen[:, None, None], allowed, np.eye(2))), off)
+    off_rim = np.flatnonzero(seen & (away > _AWAY))
+    index = np.flatnonzero(seen)
+    place = np.searchsorted(index, off_rim)  # which measured frame each of them is
+    runs = place[:-2][(place[2:] - place[:-2]) == 2] if len(place) > 2 else place[:0]
+    centre = int(np.searchsorted(index, (first + last) // 2 - low))
+    before, after = runs[runs + 2 < centre], runs[runs > centre]
+    start = int(index[before[-1] + 3]) if len(before) else first - low
+    end = int(index[after[0] - 1]) if len(after) else last - low
+    return start + low, end + low
+
+
 _Guess = tuple[EventKind, float, float, float]
 
 
@@ -194,7 +249,7 @@ def _event(hand: Hand, kind: EventKind, stroke: int, found: Instant, radius_m: f
         _degrees(found.angle_rad) if upright else None,
         hand.angle_sd_deg(found.angle_sd_rad, radius_m) if upright else None,
         found.speed_mps, found.speed_sd_mps,
-        "radius and angle" if hand.turned_rad is None else "radius and slip",
+        "" if not found.fitted else "radius and angle" if hand.turned_rad is None else "radius and slip",
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""spheremcap calibrate: the camera, from a film of a printed board."""
+"""spheremcap calibrate: the camera, from a film of a printed board, or from a session's own limbs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 def calibrate(
     source: Annotated[
         Path | None,
-        typer.Argument(help="A film of the board: a video, a folder of pictures, or an MCAP with pictures."),
+        typer.Argument(
+            help="A film of the board: a video, pictures, an MCAP; or, without --board, a tracked recording."
+        ),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="The camera_info YAML to write; with --print, the SVG.")
@@ -35,9 +37,14 @@ def calibrate(
     ] = "plumb_bob",
     print_: Annotated[bool, typer.Option("--print", help="Write the board itself, to be printed at 100 %.")] = False,
     topic: Annotated[str | None, typer.Option("--topic", help="Image topic of an MCAP that has several.")] = None,
+    settings: Annotated[
+        Path | None,
+        typer.Option("--settings", help="analysis.toml that says which marker is which joint, for a recording."),
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the output when it exists.")] = False,
 ) -> None:
     """Find the camera's focal length and distortion from a film of a printed board, and say how well they are known.
+    Without a board the focal length alone, from a tracked recording in which arms move: they keep their lengths.
 
     Print a board, film it as the session is filmed, and give what comes out to track as --camera:
 
@@ -45,8 +52,10 @@ def calibrate(
 
         spheremcap calibrate board.mp4 --board charuco:7x5:30mm:22mm -o camera.yaml
 
-    Beside camera.yaml is camera.png, which shows where in the picture the board was, and what does not fit. A film that
-    does not say enough is refused, with what to film instead.
+        spheremcap calibrate session.mcap -o camera.yaml
+
+    With a board, beside camera.yaml is camera.png, which shows where in the picture the board was, and what does not
+    fit. What does not say enough is refused, with what to film instead.
     """
     from spheremcap.analysis.board import Board
     from spheremcap.analysis.filmed import calibrate_board, write_sheet
@@ -54,6 +63,9 @@ def calibrate(
     loaded()
     if output is None:
         raise UsageError("give the file to write with -o")
+    if board is None and source is not None and not print_:
+        _from_limbs(source, output, settings, overwrite)
+        return
     if board is None:
         raise UsageError("which board was printed? Give --board, as in --board charuco:7x5:30mm:22mm")
     printed = Board.of(board)
@@ -75,6 +87,26 @@ def calibrate(
         warn(line)
     _tell(report)
     print(f"-> {output}, {report.picture}")
+    if report.lost:
+        raise typer.Exit(3)
+
+
+def _from_limbs(recording: Path, output: Path, settings: Path | None, overwrite: bool) -> None:
+    """The focal length from a recording's arms."""
+    from spheremcap.analysis.focal_job import calibrate_recording
+    from spheremcap.analysis.settings import load_analysis_settings
+
+    given = None if settings is None else load_analysis_settings(settings)
+    report = calibrate_recording(recording, output, given, overwrite=overwrite)
+    camera, focal = report.camera, report.focal
+    print(f"fx {camera.fx_px:.2f} ± {camera.fx_px * camera.focal_sd:.2f} px ({camera.focal_sd:.2%}), "
+          f"{focal.factor:.4f} times what the recording was tracked with")  # fmt: skip
+    for name, length_m, varies in zip(report.pairs, focal.lengths_m, focal.varies, strict=True):
+        print(f"{name}: {length_m * 1e3:.1f} mm, varies by {varies:.1%}")
+    print(f"they turned through {focal.turned_deg:.0f} degrees in depth; the lens' distortion is left as it was")
+    print(f"-> {output}: track the session again with --camera {output}")
+    for line in report.lost:
+        warn(line)
     if report.lost:
         raise typer.Exit(3)
 

@@ -79,3 +79,12 @@ def read_poses(records: McapRecords, topics: Collection[str] | None = None) -> d
             np.frombuffer(stood_in, np.int8).astype(np.bool_),
         )  # fmt: skip
     return found
+
+
+def without_focal(poses: Poses, focal_sd: float) -> npt.NDArray[np.float32]:
+    """The covariances (N, 6) without what the focal length's relative uncertainty adds to each, as that is the same
+    error on all frames."""
+    packed = poses.covariance_m2.copy()
+    for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+        packed[:, k] -= poses.xyz_cam_m[:, i] * poses.xyz_cam_m[:, j] * np.float32(focal_sd**2)
+    return packed

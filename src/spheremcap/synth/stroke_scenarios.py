@@ -9,7 +9,7 @@ import numpy as np
 
 from spheremcap.core.camera import Camera
 from spheremcap.synth.kinematics import JOINTS, Path
-from spheremcap.synth.parts import Athlete, Ball, Hoop, World
+from spheremcap.synth.parts import Athlete, Ball, Hoop, Vibration, World
 from spheremcap.synth.ride import Ride, circle
 from spheremcap.synth.scenarios import FRAME_S, HALL, SHAKE, SIX, TICKS, world
 from spheremcap.synth.strokes import Manner, Mount, motion
@@ -20,6 +20,8 @@ CAMERA = Camera(
 )  # fmt: skip
 USUAL, LOW = Mount(), Mount((1.08, 0.0, 0.50), float(np.radians(15.0)))
 """Where the camera is. From `LOW` another marker hides a part of the wrist's at nearly every contact and release."""
+ROLLERS = Vibration(rotation_mrad=0.1, translation_mm=0.05)
+"""How the camera shakes indoors, where the recorded athlete was; on the road it is `SHAKE`."""
 RATES = (240, 120, 60)
 """Frames/s, times 1000/1001."""
 FRAMES = 2640
@@ -34,6 +36,7 @@ class StrokeScenario:
     about: str
     manner: Manner
     mount: Mount = USUAL
+    vibration: Vibration = ROLLERS
 
 
 def described(name: str) -> StrokeScenario:
@@ -72,7 +75,7 @@ def _made(name: str, seed: int, frames: int | None) -> tuple[World, Ride]:
     paths = {joint: _path(made, joint) for joint in JOINTS}
     balls = tuple(Ball(joint, paths[joint], colour) for joint, colour in zip(JOINTS, SIX, strict=True))
     shown = world(
-        count, *balls, camera=CAMERA, ticks=tuple(step * TICKS * k for k in range(count)), vibration=SHAKE,
+        count, *balls, camera=CAMERA, ticks=tuple(step * TICKS * k for k in range(count)), vibration=scenario.vibration,
         backdrop=HALL, athlete=_athlete(made, paths), beside=made.files(), name=name, seed=seed,
     )  # fmt: skip
     return shown, made
@@ -106,7 +109,9 @@ def _athlete(made: Ride, paths: dict[str, Path]) -> Athlete:
 STROKES: dict[str, StrokeScenario] = {
     "strokes": StrokeScenario("a racer's even strokes, six markers on strapped limbs, exact contacts", Manner()),
     "strokes-fast": StrokeScenario(
-        "strokes at 2.1 Hz, the wheels at 24 rad/s", Manner(cadence_hz=2.1, rates_rad_s=(24.0, 24.0))
+        "strokes at 2.1 Hz on the road, the wheels at 24 rad/s",
+        Manner(cadence_hz=2.1, rates_rad_s=(24.0, 24.0)),
+        vibration=SHAKE,
     ),
     "strokes-start": StrokeScenario(
         "strokes from slow to fast, the wheels from 9 to 20 rad/s",
@@ -116,9 +121,13 @@ STROKES: dict[str, StrokeScenario] = {
         "strokes of which either hand misses some",
         Manner(missed=(("left", 3), ("right", 6), ("left", 10), ("right", 10), ("right", 14))),
     ),
-    "strokes-brake": StrokeScenario("strokes, and a braking in the middle", Manner(braked=9)),
+    "strokes-brake": StrokeScenario(
+        "strokes on the road, and a braking in the middle", Manner(braked=9), vibration=SHAKE
+    ),
     "strokes-unequal": StrokeScenario(
-        "strokes whose left hand is late and takes hold later", Manner(left_lag_s=0.035, left_later_deg=12.0)
+        "strokes on the road whose left hand is late and takes hold later",
+        Manner(left_lag_s=0.035, left_later_deg=12.0),
+        vibration=SHAKE,
     ),
     "strokes-low": StrokeScenario(
         "even strokes seen from lower: markers hide wrists at contact and release", Manner(), LOW

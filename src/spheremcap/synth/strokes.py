@@ -7,7 +7,7 @@ the chair goes forward. Between pushes the hands, and always the shoulders, foll
 upper arm keep their lengths; the elbow is as near as they let it to the recorded one.
 
 At contact the wrist comes with a speed of its own and takes on the rim's within a few milliseconds, for a hand is
-soft. At release it is no longer held in its circle: its velocity goes on and its acceleration is new at once.
+soft. At release it is cast off: its velocity goes on, and its acceleration is new at once, outward and against its way.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BPoly, CubicSpline
 
-from spheremcap.synth.kinematics import cadence_hz, joint_chair_m
+from spheremcap.synth.kinematics import cadence_hz, joint_chair_m, smooth_step
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -33,6 +33,8 @@ _SEAT_M = np.array([-0.07, 0.0, -0.07])
 _SOFT_S = 0.004
 _BEND_S = 0.15
 """How long a free hand takes to be on its recorded path, and how long before contact it leaves that."""
+_CAST_S, _SLOWS_MPS2 = 0.05, 25.0
+"""How long a hand is cast off the rim, and by how much that slows it down."""
 _STEP_S = 1 / 4000
 
 
@@ -219,8 +221,11 @@ class Arm:
             if push is last and not push.braking:
                 outward = held[0] * [1, 1, 0] / self.wheels.wrist_radius_m
                 along = velocity / np.linalg.norm(velocity)
-                free = push.leaves_mps2 - float(self._rate(at)) ** 2 * self.wheels.wrist_radius_m
-                bent[2] = free * outward - 20.0 * along - (own[2] - 2 * own[1] + own[0]) / step**2
+                held_in = -(float(self._rate(at)) ** 2) * self.wheels.wrist_radius_m * outward
+                bent[2] = held_in - (own[2] - 2 * own[1] + own[0]) / step**2
+                since = (t - at)[:, None]
+                cast = push.leaves_mps2 * outward - _SLOWS_MPS2 * along
+                path += cast * since**2 / 2 * np.exp(-since / _CAST_S) * smooth_step((end - t) / bend_s)[:, None]
             knots = [(at, bent), (at + np.sign(-step) * bend_s, np.zeros((3, 3)))]
             (t0, d0), (t1, d1) = sorted(knots, key=lambda knot: knot[0])
             near = (t >= t0) & (t <= t1)
