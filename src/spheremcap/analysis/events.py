@@ -28,8 +28,8 @@ _FRAMES_SEARCH = 2.0
 _AWAY_S = np.concatenate([[0.0], np.geomspace(0.0001, 0.03, 24)])
 _LEAST_SIDE = 3
 """Measured positions that are needed on either side."""
-_GUESS_SD_S = 0.010
-"""How well it is known where the wrist goes along the rim, without a fit."""
+GUESS_SD_S = 0.003
+"""How well it is known when the wrist begins and ceases to go along the rim, without a fit."""
 _MOST_MISSING = 3.5
 """Frames from one measured position to the next, across which an instant is still told."""
 _SLOW_S = 0.04
@@ -42,10 +42,14 @@ _SOFT_S = 0.003
 """How long a hand takes to be as fast as the rim it has met: flesh and glove give."""
 _FREE_RADIUS = 2
 """The column of the speed inward before contact."""
+_FREE_S = 0.02
+"""How long a hand has to be seen off the rim."""
 _MODEL_S = 0.0008
 """What an instant is good to for that: hands are softer or harder than `_SOFT_S`."""
 _SLIP_MPS = 0.05
 """How fast a hand on the rim may creep along it."""
+_UNKNOWN_MPS = 0.3
+"""How fast it may seem to, where the rim's speed is only that of the pushes before and after."""
 _ROLL_MPS = 0.15
 """How fast its wrist may roll inward or outward."""
 _CLOSING = (0.3, 0.15), (0.3, 0.10)
@@ -63,7 +67,7 @@ _TURN_MPS2 = 10.0
 class Instant:
     """A contact or release at `t_s`, the wrist's angle about the axle there, and its speed in the wheel's plane, just
     before contact or at release, with their standard deviations. One that was not `fitted` is where the wrist was first
-    or last seen to go along the rim."""
+    or last seen to go along the rim; `by_wheel` says whether a wheel's sensor helped."""
 
     t_s: float
     sd_s: float
@@ -72,12 +76,14 @@ class Instant:
     speed_mps: float
     speed_sd_mps: float
     fitted: bool
+    by_wheel: bool
 
 
 @dataclass(frozen=True)
 class Path:
     """What the instants are found in: times (N,) in s, radius (N,) and arc (N,) in m of the measured positions with
-    covariances (N, 2, 2), and how far the wheel has turned (N,) in rad; None where that is not known. `white` is the
+    covariances (N, 2, 2), and how far the wheel has turned (N,) in rad, as a sensor measured it where
+    it is `by_wheel` (N,), elsewhere as the hand's own pushes have it. `white` is the
     share of the standard deviations that differs from frame to frame; the rest goes slowly. `push_radius_m` is the
     radius on which arcs are counted, `step_s` from frame to frame, `shake_m` how far the camera shakes."""
 
@@ -86,7 +92,8 @@ class Path:
     arc_m: FloatArray
     covariance: FloatArray
     white: float
-    turned_rad: FloatArray | None
+    turned_rad: FloatArray
+    by_wheel: npt.NDArray[np.bool_]
     push_radius_m: float
     step_s: float
     shake_m: float = 0.0
@@ -94,11 +101,9 @@ class Path:
     def near(self, low_s: float, high_s: float) -> "Path":
         """What of it is from one time to another."""
         part = slice(int(np.searchsorted(self.t_s, low_s)), int(np.searchsorted(self.t_s, high_s, "right")))
-        turned = None if self.turned_rad is None else self.turned_rad[part]
         return replace(
             self, t_s=self.t_s[part], radius_m=self.radius_m[part], arc_m=self.arc_m[part],
-            covariance=self.covariance[part],
-            turned_rad=turned if turned is None or np.isfinite(turned).all() else None,
+            covariance=self.covariance[part], turned_rad=self.turned_rad[part], by_wheel=self.by_wheel[part],
         )  # fmt: skip
 
 
@@ -108,30 +113,33 @@ def instant(path: Path, kind: EventKind, guess_s: float, earliest_s: float, late
     if found is None:
         return "too few positions were measured at it"
     fit, times, misfits = found
+    free_s = guess_s - fit.path.t_s[0] if kind is EventKind.CONTACT else fit.path.t_s[-1] - guess_s
+    if free_s < max(_FREE_S, (_LEAST_SIDE + 1) * path.step_s):
+        return f"the hand was not seen off the rim {'before' if kind is EventKind.CONTACT else 'after'} it"
     best = int(misfits.argmin())
     if best in (0, len(times) - 1):
-        return _unfitted(fit, guess_s)
+        return _unfitted(path.near(earliest_s, latest_s), fit, guess_s)
     times = times[best] + np.arange(-10, 11) * _FINE_S
     misfits = fit.misfits(times)
     best, near = int(misfits.argmin()), fit.path
     scale = max(1.0, float(misfits[best]) / fit.freedom)
     sd_s = fit.spread(float(times[best]), scale)
     if sd_s is None:
-        return _unfitted(fit, guess_s)
+        return _unfitted(path.near(earliest_s, latest_s), fit, guess_s)
     gap = _gap_at(near.t_s, float(times[best]))
     if gap > _MOST_MISSING * path.step_s:
         return f"{round(gap / path.step_s) - 1} frames are missing at it"
     sd_s = float(np.hypot(sd_s, _MODEL_S))
-    return Instant(float(times[best]), sd_s, *fit.there(float(times[best]), sd_s, scale), True)
+    return Instant(float(times[best]), sd_s, *fit.there(float(times[best]), sd_s, scale), True, fit.by_wheel)
 
 
-def _unfitted(fit: "_Fit", guess_s: float) -> Instant | str:
+def _unfitted(path: Path, fit: "_Fit", guess_s: float) -> Instant | str:
     """The guess itself, as widely as it may be off, where the fit tells nothing."""
-    gap = _gap_at(fit.path.t_s, guess_s)
-    if gap > _MOST_MISSING * fit.path.step_s:
-        return f"{round(gap / fit.path.step_s) - 1} frames are missing at it"
-    sd_s = max(_GUESS_SD_S, fit.path.step_s)
-    return Instant(guess_s, sd_s, *fit.there(guess_s, sd_s, 1.0), False)
+    gap = _gap_at(path.t_s, guess_s)
+    if gap > _MOST_MISSING * path.step_s:
+        return f"{round(gap / path.step_s) - 1} frames are missing at it"
+    sd_s = max(GUESS_SD_S, path.step_s)
+    return Instant(guess_s, sd_s, *fit.there(guess_s, sd_s, 1.0), False, fit.by_wheel)
 
 
 def shake_of(path: Path, guesses: Sequence[tuple[EventKind, float, float, float]]) -> float:
@@ -159,7 +167,7 @@ def _fitted(
     high = min(guess_s + search_s, float(near.t_s[-_LEAST_SIDE]))
     if high <= low:
         return None
-    fit, times = _Fit(near, kind), np.arange(low, high + _COARSE_S, _COARSE_S)
+    fit, times = _Fit(near, kind, guess_s), np.arange(low, high + _COARSE_S, _COARSE_S)
     return fit, times, fit.misfits(times)
 
 
@@ -193,10 +201,12 @@ def _covariance(path: Path) -> FloatArray:
 class _Fit:
     """Weighted least squares of both paths for given instants."""
 
-    def __init__(self, path: Path, kind: EventKind) -> None:
-        self.path, self._kind = path, kind
+    def __init__(self, path: Path, kind: EventKind, guess_s: float) -> None:
+        self.path, self._kind, self._guess_s = path, kind, guess_s
+        self.by_wheel = bool(path.by_wheel.all())
+        self._guess_sd_s = max(GUESS_SD_S, 0.7 * path.step_s)
         self._root = np.linalg.inv(np.linalg.cholesky(_covariance(path)))
-        turned = np.zeros_like(path.t_s) if path.turned_rad is None else path.turned_rad * path.push_radius_m
+        turned = path.turned_rad * path.push_radius_m
         self._arc0 = float(np.median(path.arc_m - turned))
         values = np.stack([path.radius_m - path.push_radius_m, path.arc_m - turned - self._arc0], axis=1)
         self._values = self._root @ values.ravel()
@@ -258,6 +268,7 @@ class _Fit:
             known = (mean / sd) ** 2
         solution = inverse @ right
         misfit: FloatArray = self._values @ self._values + known - (solution * right).sum(axis=(1, 2))
+        misfit = misfit + ((times - self._guess_s) / self._guess_sd_s) ** 2
         return misfit, solution[:, :, 0], np.asarray(inverse, np.float64)
 
     def _design(self, t_s: FloatArray, times: FloatArray) -> tuple[FloatArray, int, FloatArray]:
@@ -267,8 +278,7 @@ class _Fit:
         on = tau >= 0 if self._kind is EventKind.CONTACT else tau <= 0
         held, free = np.where(on, tau, 0.0), np.where(on, 0.0, tau)
         one, air, bend = np.ones_like(tau), free, held**2
-        known = self.path.turned_rad is not None
-        slips = 1 / _SLIP_MPS if known else 0.0
+        slips = 1 / (_SLIP_MPS if self.by_wheel else _UNKNOWN_MPS)
         if self._kind is EventKind.CONTACT:
             gives = held * np.exp(-held / _SOFT_S)
             held, free = held - gives, free + gives
@@ -278,7 +288,7 @@ class _Fit:
             first, off = [], [(air**2, 0.0), (air**3, 1 / _FREE[0]), (air**4, 1 / _FREE[1])]
         radius = [(one, 0.0), (held, 1 / _ROLL_MPS), *first, *off, (bend, 1 / _BEND_MPS2)]
         first = [(column, 0.0) for column, _ in first]
-        arc = [(one, 0.0), (held, slips), *first, *off, *([] if known else [(bend, 1 / _TURN_MPS2)])]
+        arc = [(one, 0.0), (held, slips), *first, *off, *([] if self.by_wheel else [(bend, 1 / _TURN_MPS2)])]
         design = np.zeros((*tau.shape, 2, len(radius) + len(arc)))
         for k, (column, _) in enumerate(radius + arc):
             design[:, :, 0 if k < len(radius) else 1, k] = column

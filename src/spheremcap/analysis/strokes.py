@@ -29,8 +29,12 @@ _HOLE_S, _SHORTEST_S, _SHORTEST_RAD = 0.025, 0.030, float(np.radians(20.0))
 """A push may not be measured for so long within; it lasts so long, and goes so far, at least."""
 _WRISTS_M = (-0.03, 0.09)
 """How far outward of the rim a wrist on it can be."""
-_EXTENT_S = 0.10
+_EXTENT_S = 0.15
 """How far beyond what was first seen of a push it may go on."""
+_OFF_M = 0.006, 1.0, 0.02
+"""How far a push's radius, its arc and its distance from the camera may be off, as far as is known before."""
+_EARLY_S, _LATE_S = 0.004, 0.012
+"""How much earlier than a contact and later than a release that is seen, for a hand comes and goes slowly."""
 _STRAYS_M, _AWAY = (0.003, 0.002), 9.0
 """How far in and out a wrist rolls and along the rim it creeps within a push, and how many standard deviations,
 squared, off its way it has left the rim: on three frames in a row."""
@@ -97,13 +101,18 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
     with np.errstate(invalid="ignore"):
         near = (np.abs(about.radius_m - radius) < _ON_RIM_M + 2 * np.sqrt(about.covariance[:, 0, 0])) & ~leaving
     pushes = _pushes(hand, about, near & _along(rate, turning, unsure))
-    if turning is None and pushes:
-        pushes = _pushes(hand, about, near & _along(rate, _rim_rate(hand, rate, pushes), unsure))
-    pushes = _whole(hand, about, pushes, radius)
+    if not pushes:
+        return HandStrokes(hand.wheel, radius, (), (), (f"{hand.side} hand: no push was seen",))
+    own = _rim_rate(hand, rate, pushes)
+    by_wheel = np.isfinite(turning) if turning is not None else np.zeros(len(track), np.bool_)
+    turning = own if turning is None else np.where(by_wheel, turning, own)
+    pushes = _pushes(hand, about, near & _along(rate, turning, unsure))
+    turned = np.concatenate([[0.0], np.cumsum((turning[1:] + turning[:-1]) / 2 * np.diff(hand.t_s))])
+    pushes = _whole(hand.t_s, about, pushes, radius, turned)
     seen = np.isfinite(about.radius_m)
     path = Path(
         hand.t_s[seen], about.radius_m[seen], about.angle_rad[seen] * radius, about.covariance[seen], noise,
-        None if hand.turned_rad is None else hand.turned_rad[seen], radius, hand.frame_s,
+        turned[seen], by_wheel[seen], radius, hand.frame_s,
     )  # fmt: skip
     guesses = [_guesses(hand.t_s, pushes, k) for k in range(len(pushes))]
     path = replace(path, shake_m=shake_of(path, [guess for both in guesses for guess in both]))
@@ -166,7 +175,7 @@ def _rim_rate(hand: Hand, rate: FloatArray, pushes: list[tuple[int, int]]) -> Fl
     hardly changes its rate within one."""
     middles = [(first + (last - first) // 4, last - (last - first) // 4) for first, last in pushes]
     usual = [float(np.nanmedian(rate[low : high + 1])) for low, high in middles]
-    rates = np.array([float(np.median(usual[max(0, k - 1) : k + 2])) for k in range(len(usual))])
+    rates = np.array([float(np.median(usual[max(0, k - 2) : k + 3])) for k in range(len(usual))])
     return np.interp(hand.t_s, [hand.t_s[(low + high) // 2] for low, high in middles], rates)
 
 
@@ -186,13 +195,15 @@ def _pushes(hand: Hand, about: AboutAxle, on_rim: BoolArray) -> list[tuple[int, 
     return found
 
 
-def _whole(hand: Hand, about: AboutAxle, pushes: list[tuple[int, int]], radius_m: float) -> list[tuple[int, int]]:
+def _whole(
+    t_s: FloatArray, about: AboutAxle, pushes: list[tuple[int, int]], radius_m: float, turned_rad: FloatArray
+) -> list[tuple[int, int]]:
     """Pushes as far as the wrist goes on as it does in their middles: what errs slowly in its distance cuts them up."""
     found: list[tuple[int, int]] = []
     for first, last in pushes:
         if found and last <= found[-1][1]:
             continue
-        low, high = _extent(hand, about, first, last, radius_m)
+        low, high = _extent(t_s, about, (first, last), radius_m, turned_rad)
         if found and low <= found[-1][1]:
             low, high = found[-1][0], max(high, found[-1][1])
             found.pop()
@@ -200,25 +211,25 @@ def _whole(hand: Hand, about: AboutAxle, pushes: list[tuple[int, int]], radius_m
     return found
 
 
-def _extent(hand: Hand, about: AboutAxle, first: int, last: int, radius_m: float) -> tuple[int, int]:
+def _extent(
+    t_s: FloatArray, about: AboutAxle, push: tuple[int, int], radius_m: float, turned_rad: FloatArray
+) -> tuple[int, int]:
     """First and last frames on which the wrist is where its push's middle says that it would be."""
+    first, last = push
     quarter = (last - first) // 4
-    low = int(np.searchsorted(hand.t_s, hand.t_s[first] - _EXTENT_S))
-    part = slice(low, int(np.searchsorted(hand.t_s, hand.t_s[last] + _EXTENT_S, "right")))
-    t, radius, angle = hand.t_s[part], about.radius_m[part], about.angle_rad[part]
+    low = int(np.searchsorted(t_s, t_s[first] - _EXTENT_S))
+    part = slice(low, int(np.searchsorted(t_s, t_s[last] + _EXTENT_S, "right")))
     middle = slice(first + quarter - low, last - quarter + 1 - low)
-    seen = np.isfinite(radius)
-    known = hand.turned_rad is not None and np.isfinite(hand.turned_rad[part]).all()
-    if known and hand.turned_rad is not None:
-        turned = hand.turned_rad[part]
-    else:
-        own = seen[middle]
-        turned = np.polyval(np.polyfit(t[middle][own] - t[0], angle[middle][own], 1), t - t[0])
-    off = np.stack([radius, (angle - turned) * radius_m], axis=1)
-    off = off - np.nanmedian(off[middle], axis=0)
-    allowed = about.covariance[part] + np.diag(np.square(_STRAYS_M))
-    with np.errstate(invalid="ignore"):
-        away = np.einsum("ni,nij,nj->n", off, np.linalg.inv(np.where(seen[:, None, None], allowed, np.eye(2))), off)
+    radius, arc = about.radius_m[part], (about.angle_rad[part] - turned_rad[part]) * radius_m
+    seen = np.isfinite(radius) & np.isfinite(arc)
+    if not seen[middle].any():
+        return first, last
+    off = np.stack([radius, arc], axis=1)
+    allowed = np.where(seen[:, None, None], about.covariance[part] + np.diag(np.square(_STRAYS_M)), np.eye(2))
+    off = np.where(seen[:, None], off, 0.0)
+    off = off - np.median(off[middle][seen[middle]], axis=0)
+    off = off - _displaced(off, allowed, middle, seen)
+    away = np.einsum("ni,nij,nj->n", off, np.linalg.inv(allowed), off)
     off_rim = np.flatnonzero(seen & (away > _AWAY))
     index = np.flatnonzero(seen)
     place = np.searchsorted(index, off_rim)  # which measured frame each of them is
@@ -230,6 +241,22 @@ def _extent(hand: Hand, about: AboutAxle, first: int, last: int, radius_m: float
     return start + low, end + low
 
 
+def _displaced(off: FloatArray, covariance: FloatArray, middle: slice, seen: BoolArray) -> FloatArray:
+    """What a push's radius and phase, and an error in the distance that stays, make of positions on the rim, (N, 2)."""
+    _, vectors = np.linalg.eigh(covariance)
+    sight = vectors[:, :, 1] * np.sign(vectors[:, :1, 1] + 1e-12)
+    design = np.zeros((len(off), 2, 3))
+    design[:, 0, 0] = design[:, 1, 1] = 1.0
+    design[:, :, 2] = sight
+    own = np.zeros(len(off), np.bool_)
+    own[middle] = seen[middle]
+    weight = np.linalg.inv(covariance[own])
+    normal = np.einsum("nia,nij,njb->ab", design[own], weight, design[own]) + np.diag(1 / np.square(_OFF_M))
+    right = np.einsum("nia,nij,nj->a", design[own], weight, off[own])
+    out: FloatArray = design @ np.linalg.solve(normal, right)
+    return out
+
+
 _Guess = tuple[EventKind, float, float, float]
 
 
@@ -239,7 +266,7 @@ def _guesses(t_s: FloatArray, pushes: list[tuple[int, int]], k: int) -> tuple[_G
     before = float(t_s[pushes[k - 1][1]]) if k > 0 else -np.inf
     after = float(t_s[pushes[k + 1][0]]) if k + 1 < len(pushes) else np.inf
     middle = (first + last) / 2
-    return (EventKind.CONTACT, first, before, middle), (EventKind.RELEASE, last, middle, after)
+    return (EventKind.CONTACT, first + _EARLY_S, before, middle), (EventKind.RELEASE, last - _LATE_S, middle, after)
 
 
 def _event(hand: Hand, kind: EventKind, stroke: int, found: Instant, radius_m: float) -> StrokeEvent:
@@ -249,7 +276,7 @@ def _event(hand: Hand, kind: EventKind, stroke: int, found: Instant, radius_m: f
         _degrees(found.angle_rad) if upright else None,
         hand.angle_sd_deg(found.angle_sd_rad, radius_m) if upright else None,
         found.speed_mps, found.speed_sd_mps,
-        "" if not found.fitted else "radius and angle" if hand.turned_rad is None else "radius and slip",
+        "" if not found.fitted else "radius and slip" if found.by_wheel else "radius and angle",
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from spheremcap.evaluation.proposals import proposals
 from spheremcap.evaluation.report import write_report
 from spheremcap.evaluation.result import Result, load, save
 from spheremcap.evaluation.signals import kalman, scale, votes
+from spheremcap.evaluation.strokes import strokes
 from spheremcap.io.output import make_folder
 
 EXPERIMENTS: Mapping[str, Callable[[Lab], Result]] = {
@@ -30,6 +31,7 @@ EXPERIMENTS: Mapping[str, Callable[[Lab], Result]] = {
     "colours": colours,
     "kalman": kalman,
     "votes": votes,
+    "strokes": strokes,
     "ablation": ablation,
     "held-out": held_out,
 }
