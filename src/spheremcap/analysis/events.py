@@ -42,7 +42,7 @@ _SOFT_S = 0.003
 """How long a hand takes to be as fast as the rim it has met: flesh and glove give."""
 _FREE_RADIUS = 2
 """The column of the speed inward before contact."""
-_FREE_S = 0.02
+_FREE_S = 0.04
 """How long a hand has to be seen off the rim."""
 _MODEL_S = 0.0008
 """What an instant is good to for that: hands are softer or harder than `_SOFT_S`."""

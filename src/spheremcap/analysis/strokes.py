@@ -92,7 +92,7 @@ class HandStrokes:
 def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
     """Contacts, releases and strokes of a hand; `rim_radius_m` bounds where the push's circle is looked for."""
     track, noise = hand.track, hand.noise
-    about = about_axle(track.xyz_m.astype(np.float64), track.covariance(), hand.wheel)
+    about = about_axle(track.xyz_m, track.packed, hand.wheel)
     rate, leaving, unsure = _going(hand, about)
     turning = None if hand.turned_rad is None else np.gradient(hand.turned_rad, hand.t_s)
     radius = _push_radius(about, _along(rate, turning, unsure), rate, rim_radius_m)
