@@ -132,7 +132,7 @@ def findings_of(
         smoother, wheel = smoothers[side, "wrist"], wheels.get(side)
         hand = Hand(
             side, int(stamps[0]), smoother.track, smoother.noise, arm,
-            Wheel.of(side, chair.half_track_m, float(np.radians(settings.wheel.camber_deg))),
+            chair.wheel(side, float(np.radians(settings.wheel.camber_deg))),
             None if wheel is None else _turned(wheel, smoother.track.t_s, int(stamps[0]), settings.wheel.reverse),
             frame_s, chair.hub_sd_m(), chair.tilt_sd_rad if chair.upright else None,
         )  # fmt: skip

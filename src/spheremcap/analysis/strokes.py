@@ -25,12 +25,15 @@ _SLOW_S = 0.08
 """What errs in a marker's distance takes about so long to come and go."""
 _LEAVES_MPS = 0.35
 """How fast inward or outward a wrist may move while its hand is on the rim."""
-_HOLE_S, _SHORTEST_S, _SHORTEST_RAD = 0.025, 0.030, float(np.radians(20.0))
-"""A push may not be measured for so long within; it lasts so long, and goes so far, at least."""
+_HOLE_S, _OFF_S = 0.025, 0.0125
+"""A push may not be measured for so long within, and seem to be none for so long."""
+_SHORTEST_S, _SHORTEST_RAD = 0.030, float(np.radians(20.0))
+"""It lasts so long, and goes so far, at least."""
 _WRISTS_M = (-0.03, 0.09)
 """How far outward of the rim a wrist on it can be."""
 _EXTENT_S = 0.15
 """How far beyond what was first seen of a push it may go on."""
+_ROUNDS = 4
 _OFF_M = 0.006, 1.0, 0.02
 """How far a push's radius, its arc and its distance from the camera may be off, as far as is known before."""
 _EARLY_S, _LATE_S = 0.004, 0.012
@@ -185,7 +188,8 @@ def _pushes(hand: Hand, about: AboutAxle, on_rim: BoolArray) -> list[tuple[int, 
     if not len(index):
         return []
     off = np.concatenate([[0], np.cumsum(np.isfinite(about.radius_m) & ~on_rim)])
-    cuts = np.flatnonzero((np.diff(hand.t_s[index]) > _HOLE_S + hand.frame_s) | (np.diff(off[index]) > 0)) + 1
+    allowed = np.where(np.diff(off[index]) > 0, _OFF_S, _HOLE_S) + hand.frame_s
+    cuts = np.flatnonzero(np.diff(hand.t_s[index]) > allowed) + 1
     found = []
     for run in np.split(index, cuts):
         first, last = int(run[0]), int(run[-1])
@@ -203,7 +207,9 @@ def _whole(
     for first, last in pushes:
         if found and last <= found[-1][1]:
             continue
-        low, high = _extent(t_s, about, (first, last), radius_m, turned_rad)
+        low, high = first, last
+        for _ in range(_ROUNDS):  # the more of a push is known, the better is known where the wrist would be
+            low, high = _extent(t_s, about, (low, high), radius_m, turned_rad)
         if found and low <= found[-1][1]:
             low, high = found[-1][0], max(high, found[-1][1])
             found.pop()
