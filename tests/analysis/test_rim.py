@@ -51,7 +51,7 @@ def test_both_wheels_are_each_others_mirror_and_as_the_rendered_ones():
 
 def test_the_covariance_is_that_of_numerical_derivatives():
     rng = np.random.default_rng(2)
-    xyz = rng.uniform(-0.3, 0.3, (20, 3)) + (0, 0.3, 0)
+    xyz = rng.uniform(-0.3, 0.3, (20, 3)) + np.array([0, 0.3, 0])
     root = rng.normal(0, 0.002, (20, 3, 3))
     covariance = root @ root.transpose(0, 2, 1)
     wheel = Wheel.of("left", 0.28, CAMBER)
