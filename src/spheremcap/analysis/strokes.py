@@ -31,6 +31,8 @@ _SHORTEST_S, _SHORTEST_RAD = 0.030, float(np.radians(20.0))
 """It lasts so long, and goes so far, at least."""
 _WRISTS_M = (-0.03, 0.09)
 """How far outward of the rim a wrist on it can be."""
+_TELLS = 0.5
+"""A push tells the rim's rate where it goes as far as this share of the usual."""
 _EXTENT_S = 0.15
 """How far beyond what was first seen of a push it may go on."""
 _ROUNDS = 4
@@ -106,7 +108,7 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
     pushes = _pushes(hand, about, near & _along(rate, turning, unsure))
     if not pushes:
         return HandStrokes(hand.wheel, radius, (), (), (f"{hand.side} hand: no push was seen",))
-    own = _rim_rate(hand, rate, pushes)
+    own = _rim_rate(hand, about, rate, pushes)
     by_wheel = np.isfinite(turning) if turning is not None else np.zeros(len(track), np.bool_)
     turning = own if turning is None else np.where(by_wheel, turning, own)
     pushes = _pushes(hand, about, near & _along(rate, turning, unsure))
@@ -173,13 +175,16 @@ def _push_radius(about: AboutAxle, along: BoolArray, rate: FloatArray, rim_radiu
     return float(np.median(radius[best : ends[best]]))
 
 
-def _rim_rate(hand: Hand, rate: FloatArray, pushes: list[tuple[int, int]]) -> FloatArray:
+def _rim_rate(hand: Hand, about: AboutAxle, rate: FloatArray, pushes: list[tuple[int, int]]) -> FloatArray:
     """The rim's rate where no wheel tells it, rad/s (N,): the hand's own in the middle of its pushes, for a wheel
-    hardly changes its rate within one."""
-    middles = [(first + (last - first) // 4, last - (last - first) // 4) for first, last in pushes]
+    hardly changes its rate within one. Of a push and its neighbours, for one may err; short ones tell nothing."""
+    far = np.array([about.angle_rad[last] - about.angle_rad[first] for first, last in pushes])
+    whole = [push for push, way in zip(pushes, far, strict=True) if way > _TELLS * float(np.median(far))]
+    middles = [(first + (last - first) // 4, last - (last - first) // 4) for first, last in whole]
     usual = [float(np.nanmedian(rate[low : high + 1])) for low, high in middles]
-    rates = np.array([float(np.median(usual[max(0, k - 2) : k + 3])) for k in range(len(usual))])
-    return np.interp(hand.t_s, [hand.t_s[(low + high) // 2] for low, high in middles], rates)
+    rates = [float(np.median(usual[max(0, k - 1) : k + 2])) for k in range(len(usual))]
+    ends = hand.t_s[np.array(whole)] + np.array([-_EXTENT_S, _EXTENT_S]) / 4
+    return np.interp(hand.t_s, ends.ravel(), np.repeat(rates, 2))
 
 
 def _pushes(hand: Hand, about: AboutAxle, on_rim: BoolArray) -> list[tuple[int, int]]:
