@@ -21,7 +21,7 @@ from spheremcap.core.stroke import Stroke, StrokeEvent
 from spheremcap.errors import SourceError, UsageError
 from spheremcap.io.export import tables
 from spheremcap.io.join import CLOCK_METADATA, OutMessage
-from spheremcap.io.mcap_log import schema_id
+from spheremcap.io.mcap_log import SEQUENCES_A_FRAME, schema_id
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.output import VERSION, checked_output, records_output, whole_file
 from spheremcap.io.poses import read_poses
@@ -38,7 +38,7 @@ from spheremcap.io.recording import (
     schema_names,
     track_name,
 )
-from spheremcap.io.rewrite import ChunkWriter, copy_piece
+from spheremcap.io.rewrite import ChunkWriter, copy_piece, same, write_piece
 from spheremcap.io.strokes import columns_of
 from spheremcap.io.topics import REPLACED, Topics, topics_of
 
@@ -102,11 +102,14 @@ def analyse(
                 while waiting is not None and waiting.log_time <= piece.end:
                     batch.append(waiting)
                     waiting = next(own, None)
-                    if len(batch) == _CHUNK_MESSAGES:
+                    if len(batch) == _CHUNK_MESSAGES and batch[-1].log_time < piece.start:
                         writer.write(batch, "zstd")
                         batch = []
-                writer.write(batch, "zstd")
-                copy_piece(records, piece, writer)
+                if batch:  # in one chunk with those of its time
+                    both = [*batch, *map(same, records.messages_of(piece))]
+                    write_piece(records, piece, sorted(both, key=lambda message: message.log_time), writer)
+                else:
+                    copy_piece(records, piece, writer)
             rest = [] if waiting is None or report.stopped else [waiting, *own]
             writer.write(rest, "zstd")
             writer.complete = not report.stopped
@@ -201,17 +204,19 @@ def _facts(found: Findings) -> dict[str, str]:
 
 
 def _outgoing(found: Findings, records: McapRecords, writer: ChunkWriter) -> Iterator[OutMessage]:
-    """The messages of what was found, on channels of their own."""
+    """The messages of what was found, on channels of their own; their numbers are those of frames as in `McapLog`, and
+    on a topic that the recording has lower than those of its own on the frame."""
     facts = next(iter(runs_of(records).values()), {})
     topics = topics_of(facts) or Topics()
     channels: dict[str, int] = {}
-    sequences = Counter[str]()
+    sequences: dict[str, int] = {}
     for stamp_ns, topic, message in messages_of(found, topics.optical_frame, topics.transforms):
         if topic not in channels:
             channels[topic] = writer.register_channel(
                 topic, "protobuf", schema_id(writer, type(message)), dict(_MADE_BY)
             )
-        sequences[topic] += 1
+        frame = max(0, int(np.searchsorted(found.stamp_ns, stamp_ns, "right")) - 1)
+        sequences[topic] = max(sequences.get(topic, -1) + 1, SEQUENCES_A_FRAME * frame)
         yield OutMessage(stamp_ns, stamp_ns, sequences[topic], channels[topic], message.SerializeToString())
 
 
