@@ -21,7 +21,7 @@ from spheremcap.core.stroke import Stroke, StrokeEvent
 from spheremcap.errors import SourceError, UsageError
 from spheremcap.io.export import tables
 from spheremcap.io.join import CLOCK_METADATA, OutMessage
-from spheremcap.io.mcap_log import SEQUENCES_A_FRAME, schema_id
+from spheremcap.io.mcap_log import schema_id
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.output import VERSION, checked_output, records_output, whole_file
 from spheremcap.io.poses import read_poses
@@ -204,19 +204,17 @@ def _facts(found: Findings) -> dict[str, str]:
 
 
 def _outgoing(found: Findings, records: McapRecords, writer: ChunkWriter) -> Iterator[OutMessage]:
-    """The messages of what was found, on channels of their own; their numbers are those of frames as in `McapLog`, and
-    on a topic that the recording has lower than those of its own on the frame."""
+    """The messages of what was found, on channels of their own."""
     facts = next(iter(runs_of(records).values()), {})
     topics = topics_of(facts) or Topics()
     channels: dict[str, int] = {}
-    sequences: dict[str, int] = {}
-    for stamp_ns, topic, message in messages_of(found, topics.optical_frame, topics.transforms):
+    sequences = Counter[str]()
+    for stamp_ns, topic, message in messages_of(found, topics.optical_frame):
         if topic not in channels:
             channels[topic] = writer.register_channel(
                 topic, "protobuf", schema_id(writer, type(message)), dict(_MADE_BY)
             )
-        frame = max(0, int(np.searchsorted(found.stamp_ns, stamp_ns, "right")) - 1)
-        sequences[topic] = max(sequences.get(topic, -1) + 1, SEQUENCES_A_FRAME * frame)
+        sequences[topic] += 1
         yield OutMessage(stamp_ns, stamp_ns, sequences[topic], channels[topic], message.SerializeToString())
 
 

@@ -210,24 +210,17 @@ def _chairs(records: McapRecords, kinds: Mapping[str, str]) -> list[str]:
 
 
 def _parents(records: McapRecords) -> dict[str, str]:
-    """In which frame each stands, by the first message that says so of each channel: an analysis has its own beside the
-    recording's on one topic."""
+    """In which frame each stands, by the first message of each topic that says so."""
     names = schema_names(records)
-    saying: dict[str, set[int]] = {}
-    for channel in records.channels.values():
-        if names[channel.id] == _TRANSFORMS and records.counts.get(channel.id, 0):
-            saying.setdefault(channel.topic, set()).add(channel.id)
     parents: dict[str, str] = {}
-    for topic, waiting in sorted(saying.items()):
-        for raw in records.messages([topic]):
-            if raw.channel.id not in waiting:
+    for topic in sorted({c.topic for c in records.channels.values() if names[c.id] == _TRANSFORMS}):
+        first = next(iter(records.messages([topic])), None)
+        if first is not None:
+            try:
+                edges = FrameTransforms.FromString(first.data).transforms
+            except DecodeError:
                 continue
-            waiting.discard(raw.channel.id)
-            with suppress(DecodeError):
-                edges = FrameTransforms.FromString(raw.data).transforms
-                parents |= {edge.child_frame_id: edge.parent_frame_id for edge in edges}
-            if not waiting:
-                break
+            parents |= {edge.child_frame_id: edge.parent_frame_id for edge in edges}
     return parents
 
 
