@@ -43,7 +43,7 @@ from spheremcap.io.recording import (
     sensor_name,
     track_name,
 )
-from spheremcap.io.rewrite import ChunkWriter, copy_piece
+from spheremcap.io.rewrite import ChunkWriter, copy_piece, same, write_piece
 from spheremcap.io.strokes import columns_of
 from spheremcap.io.topics import REPLACED, Topics, topics_of
 
@@ -108,11 +108,14 @@ def analyse(
                 while waiting is not None and waiting.log_time <= piece.end:
                     batch.append(waiting)
                     waiting = next(own, None)
-                    if len(batch) == _CHUNK_MESSAGES:
+                    if len(batch) == _CHUNK_MESSAGES and batch[-1].log_time < piece.start:
                         writer.write(batch, "zstd")
                         batch = []
-                writer.write(batch, "zstd")
-                copy_piece(records, piece, writer)
+                if batch:  # in one chunk with those of its time
+                    both = [*batch, *map(same, records.messages_of(piece))]
+                    write_piece(records, piece, sorted(both, key=lambda message: message.log_time), writer)
+                else:
+                    copy_piece(records, piece, writer)
             rest = [] if waiting is None or report.stopped else [waiting, *own]
             writer.write(rest, "zstd")
             writer.complete = not report.stopped
@@ -216,7 +219,7 @@ def _outgoing(found: Findings, records: McapRecords, writer: ChunkWriter) -> Ite
     topics = topics_of(facts) or Topics()
     channels: dict[str, int] = {}
     sequences = Counter[str]()
-    for stamp_ns, topic, message in messages_of(found, topics.optical_frame, topics.transforms):
+    for stamp_ns, topic, message in messages_of(found, topics.optical_frame):
         if topic not in channels:
             channels[topic] = writer.register_channel(
                 topic, "protobuf", schema_id(writer, type(message)), dict(_MADE_BY)

@@ -18,6 +18,8 @@ from spheremcap.io.messages import Message, time_fields
 from spheremcap.io.strokes import event_message, stroke_message
 
 ROOT = "/analysis"
+TRANSFORMS = f"{ROOT}/tf"
+"""Where the chair's frame stands. Beside the recording's own: after a jump viewers take the last message of a topic."""
 CHAIR = "chair"
 """The chair's coordinate frame."""
 _TOLD_EVERY_NS = 2 * NS_PER_S
@@ -27,24 +29,24 @@ Stamped = tuple[int, str, Message]
 """Log time, topic, message."""
 
 
-def messages_of(found: Findings, optical_frame: str, transforms: str) -> Iterator[Stamped]:
-    """All messages by log time; `transforms` is the topic that says which frame stands in which."""
+def messages_of(found: Findings, optical_frame: str) -> Iterator[Stamped]:
+    """All messages by log time."""
     streams: list[Iterable[Stamped]] = []
     frame_id = optical_frame
     if found.chair is not None:
         frame_id = CHAIR
-        streams.append(_chair(found, found.chair, optical_frame, transforms))
+        streams.append(_chair(found, found.chair, optical_frame))
     for side, arm in found.arms.items():
         streams.append(_arm(found, side, arm, frame_id))
     if found.trunk is not None:
         streams.append(_trunk(found, frame_id))
     for side, hand in found.hands.items():
-        streams.append((e.stamp_ns, f"{ROOT}/{side}/events", event_message(e)) for e in hand.events)
-        streams.append((s.stamp_ns, f"{ROOT}/{side}/strokes", stroke_message(s)) for s in hand.strokes)
+        streams.append([(e.stamp_ns, f"{ROOT}/{side}/events", event_message(e)) for e in hand.events])
+        streams.append([(s.stamp_ns, f"{ROOT}/{side}/strokes", stroke_message(s)) for s in hand.strokes])
     return heapq.merge(*streams, key=lambda stamped: stamped[0])
 
 
-def _chair(found: Findings, chair: ChairFrame, optical_frame: str, transforms: str) -> Iterator[Stamped]:
+def _chair(found: Findings, chair: ChairFrame, optical_frame: str) -> Iterator[Stamped]:
     rotation = chair.rotation.T  # the chair's axes in the camera's frame
     translation = dict(zip("xyz", (-rotation @ chair.camera_xyz_chair_m).tolist(), strict=True))
     turn = dict(zip("xyzw", Rotation.from_matrix(rotation).as_quat(canonical=True).tolist(), strict=True))
@@ -53,7 +55,7 @@ def _chair(found: Findings, chair: ChairFrame, optical_frame: str, transforms: s
             "timestamp": time_fields(stamp_ns), "parent_frame_id": optical_frame, "child_frame_id": CHAIR,
             "translation": translation, "rotation": turn,
         }  # fmt: skip
-        yield stamp_ns, transforms, FrameTransforms(transforms=[edge])  # type: ignore[list-item]
+        yield stamp_ns, TRANSFORMS, FrameTransforms(transforms=[edge])  # type: ignore[list-item]
         yield (
             stamp_ns, f"{ROOT}/chair",
             _pb.ChairFrame(

@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,13 +18,16 @@ from spheremcap.io.decode import decoder
 from spheremcap.io.mcap_images import calibration_topics, image_topics
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.recording import UNREADABLE, numbers_of, runs_of, schema_names, senses
+from spheremcap.io.strokes import EVENT, STROKE
 from spheremcap.io.topics import MARKERS, REPLACED, WORLD_FRAME, Topics, TopicsBeside, topics_of
 
 FloatArray = npt.NDArray[np.float64]
 _ANNOTATIONS = ImageAnnotations.DESCRIPTOR.full_name
 _TRANSFORMS = FrameTransforms.DESCRIPTOR.full_name
+_ARM = _pb.ArmSample.DESCRIPTOR.full_name
+_CHAIR = _pb.ChairFrame.DESCRIPTOR.full_name
 _SAMPLES = 60
-"""So many frames of a marker tell where it is."""
+"""So many frames of a marker tell where it is, and so many of an arm what is known of it."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,8 @@ class CameraContents:
     """A camera whose pictures were tracked. `picture` and `calibration` are topics, "" where there is none.
 
     `name` is "" for the only one. `world` is the coordinate frame that all others hang on; `xyz_cam_m` (N, 3) are
-    positions of its markers here and there in the recording, none without a calibrated camera.
+    positions of its markers here and there in the recording, none without a calibrated camera. `chair` is the chair's
+    frame, "" where none hangs on the camera's.
     """
 
     name: str
@@ -41,6 +46,7 @@ class CameraContents:
     markers: tuple[str, ...]
     world: str
     xyz_cam_m: FloatArray
+    chair: str = ""
 
 
 @dataclass(frozen=True)
@@ -52,14 +58,27 @@ class SensorContents:
 
 
 @dataclass(frozen=True)
+class HandContents:
+    """What an analysis found of one hand: topics, "" where there is none. `arm` has the numbers that some sample of the
+    arm has."""
+
+    name: str
+    events: str
+    strokes: str
+    arm: SensorContents
+
+
+@dataclass(frozen=True)
 class Contents:
-    """What there is to show. `topics` are all that have messages; `rate_hz` is how many pictures a second, or 0."""
+    """What there is to show. `topics` are all that have messages; `rate_hz` is how many pictures a second, or 0.
+    `hands` are those of a recording that was analysed."""
 
     cameras: tuple[CameraContents, ...]
     sensors: tuple[SensorContents, ...]
     residuals: tuple[SensorContents, ...]
     topics: frozenset[str]
     rate_hz: float
+    hands: tuple[HandContents, ...] = ()
 
 
 def contents(path: str | os.PathLike[str]) -> Contents:
@@ -71,7 +90,8 @@ def contents(path: str | os.PathLike[str]) -> Contents:
         sensing = dict.fromkeys(c.topic for c in channels if senses(c, names[c.id]))
         sync = dict.fromkeys(c.topic for c in channels if c.topic.startswith("/sync/"))
         drawn = {c.topic for c in channels if names[c.id] == _ANNOTATIONS}
-        cameras = tuple(_cameras(records, drawn, known, _parents(records)))
+        kinds = {c.topic: names[c.id] for c in channels}
+        cameras = tuple(_cameras(records, drawn, known, _parents(records), _chairs(records, kinds)))
         rates = [_rate_hz(records, camera.topics.annotations) for camera in cameras]
         return Contents(
             cameras,
@@ -79,6 +99,7 @@ def contents(path: str | os.PathLike[str]) -> Contents:
             tuple(SensorContents(topic, _numbers(records, topic)) for topic in sync),
             frozenset(known),
             max(rates, default=0.0),
+            tuple(_hands(records, kinds)),
         )
 
 
@@ -98,8 +119,9 @@ def _replaced(topic: str) -> bool:
 
 
 def _cameras(
-    records: McapRecords, drawn: Collection[str], known: Collection[str], parents: dict[str, str]
-) -> Iterator[CameraContents]:
+    records: McapRecords, drawn: Collection[str], known: Collection[str], parents: dict[str, str],
+    chairs: Collection[str],
+) -> Iterator[CameraContents]:  # fmt: skip
     """A camera for each topic of annotations of ours; a merge may have put something before all its names."""
     said = [(topics, facts) for facts in runs_of(records).values() if (topics := topics_of(facts)) is not None]
     pictures = [found.topic for found in image_topics(records) if found.topic in known]
@@ -121,6 +143,7 @@ def _cameras(
         yield CameraContents(
             place.strip("/") if len(found) > 1 else "", topics, next(iter(beside), ""), calibration, markers,
             _root(frame_id, parents), xyz_cam_m,
+            next((chair for chair in chairs if frame_id and parents.get(chair) == frame_id), ""),
         )  # fmt: skip
 
 
@@ -150,6 +173,40 @@ def _positions(records: McapRecords, topics: Iterable[str]) -> tuple[FloatArray,
                 places.append((state.position.x, state.position.y, state.position.z))
     xyz = np.array(places).reshape(-1, 3)
     return xyz[np.isfinite(xyz).all(axis=1)], frame_id
+
+
+def _hands(records: McapRecords, kinds: Mapping[str, str]) -> Iterator[HandContents]:
+    """The hands of an analysis by what their topics have; a merge may have put something before all names."""
+    found = {topic: kind for topic, kind in sorted(kinds.items()) if kind in (EVENT, STROKE, _ARM)}
+    for place in dict.fromkeys(topic.rpartition("/")[0] for topic in found):
+        own = {kind: topic for topic, kind in found.items() if topic.rpartition("/")[0] == place}
+        arm = own.get(_ARM, "")
+        numbers = _numbers_of_some(records, arm) if arm else ()
+        name = place.strip("/").replace("analysis/", "")
+        yield HandContents(name, own.get(EVENT, ""), own.get(STROKE, ""), SensorContents(arm, numbers))
+
+
+def _numbers_of_some(records: McapRecords, topic: str) -> tuple[str, ...]:
+    """The names of all numbers that some of an arm's samples have."""
+    index = records.index_of(topic)
+    found: dict[str, None] = {}
+    for number in np.unique(np.linspace(0, len(index) - 1, _SAMPLES).astype(int)).tolist():
+        try:
+            found |= dict.fromkeys(numbers_of(_pb.ArmSample.FromString(index.message(number).data)))
+        except (DecodeError, IndexError):
+            continue
+    return tuple(found)
+
+
+def _chairs(records: McapRecords, kinds: Mapping[str, str]) -> list[str]:
+    """The chairs' coordinate frames."""
+    frames = []
+    for topic in sorted(topic for topic, kind in kinds.items() if kind == _CHAIR):
+        first = next(iter(records.messages([topic])), None)
+        if first is not None:
+            with suppress(DecodeError):
+                frames.append(_pb.ChairFrame.FromString(first.data).child_frame_id)
+    return frames
 
 
 def _parents(records: McapRecords) -> dict[str, str]:

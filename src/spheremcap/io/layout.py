@@ -14,7 +14,7 @@ import numpy as np
 
 from spheremcap.errors import UsageError
 from spheremcap.io import _pb
-from spheremcap.io.contents import CameraContents, Contents, SensorContents, contents
+from spheremcap.io.contents import CameraContents, Contents, HandContents, SensorContents, contents
 from spheremcap.io.messages import Rgb, marker_rgb
 from spheremcap.io.output import whole_file
 
@@ -26,6 +26,12 @@ LABEL_M, AXES_M = 0.035, 0.15
 AXES_RGB: dict[str, Rgb] = {"x": (0.88, 0.30, 0.30), "y": (0.35, 0.75, 0.35), "z": (0.30, 0.55, 1.0)}
 """The colours that axes have in both viewers' 3D panels."""
 _GREY: Rgb = (0.55, 0.55, 0.55)
+_ARM_PLOTS = {
+    "speed_mps": ("Speed", "of the wrist [m/s]"),
+    "elbow_deg": ("Elbow", "180 is a straight arm [deg]"),
+    "gap_mm": ("Gap", "of the wrist, outward of the push's circle [mm]"),
+}
+"""What is plotted of both arms, and its title: in short, and more."""
 _STATUS_ROW, _STATUS_HEAD = 7, 6
 """Height of a marker's row in the state panel, and of what is around the rows, in hundredths of the window."""
 
@@ -52,7 +58,8 @@ def write_layout_of(
 
 
 def layout(found: Contents) -> Panel:
-    """The layout as the viewers' JSON: pictures with what was found on them, space, positions, votes, status, lists.
+    """The layout as the viewers' JSON: pictures with what was found on them, space, positions, votes, status, lists; of
+    an analysed recording also what the arms did, when hands were on the rim, and the strokes.
 
     Raises UsageError where there is nothing to show.
     """
@@ -107,6 +114,23 @@ def layout(found: Contents) -> Panel:
         title = sensor.topic.removeprefix("/")
         sensors.append((title, add("Plot", title.replace("/", "_"), _sensor(title, sensor))))
 
+    arms: list[tuple[str, Node]] = []
+    for field, (short, more) in _ARM_PLOTS.items():
+        lines = _arm_lines(found.hands, field)
+        if lines:
+            arms.append((short, add("Plot", f"arms_{field}", _plot(f"{short} {more}", lines))))
+    for hand in found.hands:
+        if hand.strokes:
+            title, path = f"Strokes {hand.name}", {"topicPath": hand.strokes}
+            arms.append((title, add("Table", f"{hand.name}/strokes", _titled(title, path))))
+    on_rim = [
+        {"value": f"{hand.events}.kind", "label": f"{hand.name} hand", "timestampMethod": "receiveTime"}
+        | {"color": _hex(marker_rgb(number))}
+        for number, hand in enumerate(found.hands)
+        if hand.events
+    ]
+    transitions = [*on_rim, *transitions]
+
     lists = [("Stages", _grid(stages))] if stages else []
     lists += [*logs, *asked, *([("States", _grid([node for _, node in states]))] if states else [])]
     status = add("StateTransitions", "status", _titled("Status", {"isSynced": True, "paths": transitions}))
@@ -114,8 +138,11 @@ def layout(found: Contents) -> Panel:
         *([_grid(pictures)] if pictures else []),
         *tabs("lists", "Log, requests, stages, states", lists),
     ]
+    if arms:  # beside them there is less room
+        positions, votes = [*positions, *((f"Votes {name}".strip(), node) for name, node in votes)], []
     right = [
-        *tabs("spaces", "Space", spaces), *tabs("positions", "Positions", positions), *tabs("votes", "Votes", votes),
+        *tabs("spaces", "Space", spaces), *tabs("arms", "Arms and strokes", arms),
+        *tabs("positions", "Positions", positions), *tabs("votes", "Votes", votes),
         *tabs("sensors", "Sensors", sensors),
     ]  # fmt: skip
     share = min(_STATUS_HEAD + _STATUS_ROW * len(transitions), 50)
@@ -182,6 +209,9 @@ def _space(title: str, camera: CameraContents) -> Panel:
     if camera.calibration:
         shown[camera.calibration] = {"visible": True, "distance": 0.3, "width": 0.005}
     size_m = max(1, round(2 * away_m))
+    frames: Panel = {f"frame:{t.debug_frame}": {"visible": False}}
+    if camera.chair:
+        frames[f"frame:{camera.chair}"] = {"visible": True}
     return _titled(title, {
         "followTf": camera.world,
         "followMode": "follow-none",
@@ -196,7 +226,7 @@ def _space(title: str, camera: CameraContents) -> Panel:
             "frameId": camera.world, "position": [size_m / 2, 0, 0], "rotation": [0, 0, 0], "color": "#24486e99",
         }},
         "scene": {"transforms": {"axisScale": AXES_M, "showLabel": True, "labelSize": LABEL_M}},
-        "transforms": {f"frame:{t.debug_frame}": {"visible": False}},
+        "transforms": frames,
         "imageMode": {},
     })  # fmt: skip
 
@@ -223,6 +253,15 @@ def _position(camera: CameraContents, marker: str) -> Panel:
         for path, axis, rgb in zip(those, ends, colors, strict=True)
     ]
     return _plot(f"{marker} {title}", lines)
+
+
+def _arm_lines(hands: Sequence[HandContents], field: str) -> list[Panel]:
+    """A field of the arms' samples, of those hands that have it."""
+    return [
+        _line(f"{hand.arm.topic}.{field}", hand.name, marker_rgb(number))
+        for number, hand in enumerate(hands)
+        if field in hand.arm.numbers
+    ]
 
 
 def _votes(camera: CameraContents) -> Panel:
