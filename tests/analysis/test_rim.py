@@ -12,7 +12,8 @@ NONE = np.zeros((1, 3, 3))
 
 def about(xyz, wheel, covariance=None):
     xyz = np.atleast_2d(np.asarray(xyz, np.float64))
-    return about_axle(xyz, np.zeros((len(xyz), 3, 3)) if covariance is None else covariance, wheel)
+    full = np.zeros((len(xyz), 3, 3)) if covariance is None else covariance
+    return about_axle(xyz, full.reshape(-1, 9)[:, [0, 1, 2, 4, 5, 8]], wheel)
 
 
 @pytest.mark.parametrize(("side", "sign"), [("left", 1.0), ("right", -1.0)])

@@ -208,6 +208,7 @@ def _facts(found: Findings) -> dict[str, str]:
     facts = {"notes": "; ".join(found.notes)}
     if found.chair is not None:
         facts |= {"chair": ", ".join(found.chair.told_by), "chair.upright": str(found.chair.upright).lower()}
+        facts |= {f"{side}.too_far": f"{share:+.4f}" for side, share in found.chair.too_far.items()}
     for side, hand in found.hands.items():
         facts |= {f"{side}.push_radius_m": f"{hand.push_radius_m:.5f}", f"{side}.strokes": str(len(hand.strokes))}
     return facts

@@ -22,8 +22,9 @@ _LAP = 160
 """Samples on either side of those that are asked for: what is farther away says nothing of them."""
 _DENSITIES = np.geomspace(1e4, 1e13, 10)
 _NOISES = np.array([0.25, 0.5, 1.0, 2.0, 4.0])
-_SLOW_S = 0.08
-"""How long what errs in a position and does not differ from frame to frame takes to come and go."""
+_SLOW_S = 1.0, 0.045, 0.013, 0.008
+"""How long what errs in a position and does not differ from frame to frame takes to come and go, as velocity,
+acceleration and jerk see it: it has corners, so the higher ones see shorter times."""
 _LEARN = 2400
 """Samples from which density and noise are learnt."""
 _UNIT_S = 1 / 200
@@ -114,7 +115,7 @@ class Smoother:
                 full[order, :, i, j] = full[order, :, j, i] = spreads[:, 6 * order + k] / _PER_UNIT[order] ** 2
         slow = self._slow(part)
         for order in range(4):
-            full[order] += slow / _SLOW_S ** (2 * order)
+            full[order] += slow / _SLOW_S[order] ** (2 * order)
         position, velocity, acceleration, jerk = (states[:, 3 * k : 3 * k + 3] / _PER_UNIT[k] for k in range(4))
         return Motion(position, velocity, acceleration, jerk, full[0], full[1], full[2], full[3])
 
