@@ -191,9 +191,10 @@ def _numbers_of_some(records: McapRecords, topic: str) -> tuple[str, ...]:
     found: dict[str, None] = {}
     for number in np.unique(np.linspace(0, len(index) - 1, _SAMPLES).astype(int)).tolist():
         try:
-            found |= dict.fromkeys(numbers_of(_pb.ArmSample.FromString(index.message(number).data)))
+            numbers = numbers_of(_pb.ArmSample.FromString(index.message(number).data))
         except (DecodeError, IndexError):
             continue
+        found |= dict.fromkeys(name for name, value in numbers.items() if not math.isnan(value))
     return tuple(found)
 
 
