@@ -57,7 +57,9 @@ def test_it_has_both_hands_strokes_and_arms_and_the_chair(tmp_path):
     assert space["followTf"] == "world"
     topics = contents(path).topics
     shown = [panel["topicPath"] for panel in panels.values() if "topicPath" in panel]
-    shown += [value.rpartition(".")[0] for name in panels if name.startswith("Plot!arms") for value in values(panels[name])]
+    shown += [
+        value.rpartition(".")[0] for name in panels if name.startswith("Plot!arms") for value in values(panels[name])
+    ]
     assert set(shown) <= topics
 
 
