@@ -43,10 +43,12 @@ def write_session(
     imus: Mapping[str, Sequence[int]] | None = None,
     camera: bool = True,
     names: Collection[str] = NAMES,
+    analysed: Sequence[tuple[str, int, object]] = (),
 ) -> Path:
     """A recording of `frames` (numbers on the even grid); markers are VERIFIED where `gaps` says nothing else.
 
-    `imus` are stamps of samples whose x acceleration counts them and whose temperature is never set.
+    `imus` are stamps of samples whose x acceleration counts them and whose temperature is never set. `analysed` are
+    topics, stamps and messages that an analysis put beside.
     """
     with path.open("wb") as file:
         writer = Writer(file)
@@ -68,6 +70,9 @@ def write_session(
             topic = f"/analysis/{noun.side}/{'events' if event else 'strokes'}"
             channel = writer.register_channel(topic, "protobuf", schema_id(writer, type(message)))
             writer.add_message(channel, noun.stamp_ns, message.SerializeToString(), noun.stamp_ns)
+        for topic, at_ns, message in analysed:
+            channel = writer.register_channel(topic, "protobuf", schema_id(writer, type(message)))
+            writer.add_message(channel, at_ns, message.SerializeToString(), at_ns)
         for name, times in (imus or {}).items():
             channel = writer.register_channel(f"/sensors/{name}", "protobuf", schema_id(writer, _pb.ImuSample))
             for k, t in enumerate(times):

@@ -3,7 +3,6 @@
 import math
 import os
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +13,7 @@ from google.protobuf.message import DecodeError, Message
 
 from spheremcap.core.time import NS_PER_S
 from spheremcap.io import _pb
+from spheremcap.io.chair import ChairPose, read_chairs
 from spheremcap.io.decode import decoder
 from spheremcap.io.mcap_images import calibration_topics, image_topics
 from spheremcap.io.mcap_records import McapRecords
@@ -25,7 +25,6 @@ FloatArray = npt.NDArray[np.float64]
 _ANNOTATIONS = ImageAnnotations.DESCRIPTOR.full_name
 _TRANSFORMS = FrameTransforms.DESCRIPTOR.full_name
 _ARM = _pb.ArmSample.DESCRIPTOR.full_name
-_CHAIR = _pb.ChairFrame.DESCRIPTOR.full_name
 _SAMPLES = 60
 """So many frames of a marker tell where it is, and so many of an arm what is known of it."""
 
@@ -91,7 +90,7 @@ def contents(path: str | os.PathLike[str]) -> Contents:
         sync = dict.fromkeys(c.topic for c in channels if c.topic.startswith("/sync/"))
         drawn = {c.topic for c in channels if names[c.id] == _ANNOTATIONS}
         kinds = {c.topic: names[c.id] for c in channels}
-        cameras = tuple(_cameras(records, drawn, known, _parents(records), _chairs(records, kinds)))
+        cameras = tuple(_cameras(records, drawn, known, _parents(records), read_chairs(records)))
         rates = [_rate_hz(records, camera.topics.annotations) for camera in cameras]
         return Contents(
             cameras,
@@ -120,7 +119,7 @@ def _replaced(topic: str) -> bool:
 
 def _cameras(
     records: McapRecords, drawn: Collection[str], known: Collection[str], parents: dict[str, str],
-    chairs: Collection[str],
+    chairs: Collection[ChairPose],
 ) -> Iterator[CameraContents]:  # fmt: skip
     """A camera for each topic of annotations of ours; a merge may have put something before all its names."""
     said = [(topics, facts) for facts in runs_of(records).values() if (topics := topics_of(facts)) is not None]
@@ -143,7 +142,7 @@ def _cameras(
         yield CameraContents(
             place.strip("/") if len(found) > 1 else "", topics, next(iter(beside), ""), calibration, markers,
             _root(frame_id, parents), xyz_cam_m,
-            next((chair for chair in chairs if frame_id and parents.get(chair) == frame_id), ""),
+            next((chair.frame_id for chair in chairs if chair.parent_frame_id == frame_id), ""),
         )  # fmt: skip
 
 
@@ -192,21 +191,11 @@ def _numbers_of_some(records: McapRecords, topic: str) -> tuple[str, ...]:
     found: dict[str, None] = {}
     for number in np.unique(np.linspace(0, len(index) - 1, _SAMPLES).astype(int)).tolist():
         try:
-            found |= dict.fromkeys(numbers_of(_pb.ArmSample.FromString(index.message(number).data)))
+            numbers = numbers_of(_pb.ArmSample.FromString(index.message(number).data))
         except (DecodeError, IndexError):
             continue
+        found |= dict.fromkeys(name for name, value in numbers.items() if not math.isnan(value))
     return tuple(found)
-
-
-def _chairs(records: McapRecords, kinds: Mapping[str, str]) -> list[str]:
-    """The chairs' coordinate frames."""
-    frames = []
-    for topic in sorted(topic for topic, kind in kinds.items() if kind == _CHAIR):
-        first = next(iter(records.messages([topic])), None)
-        if first is not None:
-            with suppress(DecodeError):
-                frames.append(_pb.ChairFrame.FromString(first.data).child_frame_id)
-    return frames
 
 
 def _parents(records: McapRecords) -> dict[str, str]:

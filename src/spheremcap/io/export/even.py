@@ -5,7 +5,7 @@ takes the nearest place of the grid; a place that no frame takes has nothing on 
 """
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +14,10 @@ import numpy.typing as npt
 from spheremcap.core.estimate import Status
 from spheremcap.core.time import NS_PER_S
 from spheremcap.errors import SourceError, UsageError
+from spheremcap.io import _pb
+from spheremcap.io.chair import ChairPose, read_chairs
 from spheremcap.io.mcap_records import McapRecords
-from spheremcap.io.recording import iter_columns
+from spheremcap.io.recording import STATE, UNREADABLE, iter_columns, schema_names, track_name
 from spheremcap.io.selection import Selection
 
 FloatArray = npt.NDArray[np.float64]
@@ -41,6 +43,13 @@ class Axes:
 
 
 OPTICAL = Axes("the camera's optical frame: x right, y down, z forward", "+X", "-Y", lambda xyz_cam_m: xyz_cam_m)
+
+
+def chair_axes(chair: ChairPose) -> Axes:
+    """Those of the chair, seen from its right side."""
+    up = "z up" if chair.upright else "z up as far as is known"
+    text = f"the chair's frame: x forward, y to the athlete's left, {up}, origin midway between the hubs"
+    return Axes(text, "+X", "+Z", chair.place)
 
 
 @dataclass(frozen=True)
@@ -84,12 +93,12 @@ class EvenPoints:
 def read_points(
     records: McapRecords,
     chosen: Selection,
-    axes: Axes = OPTICAL,
     *,
     fill_ms: float | None = None,
     most_frames: int | None = None,
 ) -> EvenPoints:
-    """The chosen markers in the chosen time, gaps of at most `fill_ms` filled.
+    """The chosen markers in the chosen time, gaps of at most `fill_ms` filled; in the chair's frame where the recording
+    says where that is, else in the camera's.
 
     Raises SourceError when there is nothing measured in metres, UsageError when there are more than `most_frames`, or
     markers of several cameras, each in a frame of its own.
@@ -116,6 +125,8 @@ def read_points(
             f"{records.path}: markers of {len(cameras)} cameras, each in a frame of its own: choose those of one with "
             f"--marker; there are: {', '.join(names)}"
         )
+    chair = _chair(records, names)
+    axes = OPTICAL if chair is None else chair_axes(chair)
     kept, left_out = _nearest(grid)
     stamp_ns = np.full(count, -1, np.int64)
     stamp_ns[grid.place[kept]] = stamps[kept]
@@ -140,6 +151,7 @@ def read_points(
         filled &= np.isfinite(smoothed).all(axis=2)
         xyz_m[filled] = smoothed[filled]
     labels = tuple(name.rpartition("/")[2] for name in names)
+    said = () if chair is None else (f"positions are in {axes.text}",)
     return EvenPoints(
         labels,
         axes,
@@ -149,8 +161,26 @@ def read_points(
         xyz_m,
         sd_m,
         filled,
-        _notes(grid, left_out, int(repeated)),
+        (*said, *_notes(grid, left_out, int(repeated))),
     )
+
+
+def _chair(records: McapRecords, markers: Collection[str]) -> ChairPose | None:
+    """The chair in the frame that these markers' positions are in."""
+    chairs = read_chairs(records)
+    if not chairs:
+        return None
+    names = schema_names(records)
+    for topic in sorted({c.topic for c in records.channels.values() if names[c.id] == STATE}):
+        for raw in records.messages([topic]):
+            try:
+                state = _pb.MarkerState.FromString(raw.data)
+            except UNREADABLE:
+                continue
+            if track_name(topic, state.marker) in markers and state.frame_id:
+                return next((chair for chair in chairs if chair.parent_frame_id == state.frame_id), None)
+            break
+    return None
 
 
 def no_markers(records: McapRecords) -> SourceError:
