@@ -129,12 +129,13 @@ def findings_of(
     for side, arm in curves.items():
         if chair is None:
             continue
-        smoother, wheel = smoothers[side, "wrist"], wheels.get(side)
+        smoother, turned = smoothers[side, "wrist"], None
+        if side in wheels:
+            turned = _forward(_turned(wheels[side], smoother.track.t_s, int(stamps[0])), side, settings, notes)
         hand = Hand(
             side, int(stamps[0]), smoother.track, smoother.noise, arm,
             chair.wheel(side, float(np.radians(settings.wheel.camber_deg))),
-            None if wheel is None else _turned(wheel, smoother.track.t_s, int(stamps[0]), settings.wheel.reverse),
-            frame_s, chair.hub_sd_m(), chair.tilt_sd_rad if chair.upright else None,
+            turned, frame_s, chair.hub_sd_m(), chair.tilt_sd_rad if chair.upright else None,
         )  # fmt: skip
         hands[side] = strokes_of(hand, settings.wheel.rim_radius_m)
         notes += hands[side].notes
@@ -274,7 +275,7 @@ def _circles(
         wheel = wheels.get(side)
         turning = None
         if wheel is not None:
-            turned = _turned(wheel, track.t_s[part], start_ns, False)
+            turned = _turned(wheel, track.t_s[part], start_ns)
             turning = np.abs(np.gradient(turned, track.t_s[part]))[seen]
         circle = push_circle(
             track.t_s[part][seen], motion.xyz_m[seen], motion.velocity_mps[seen], plane, known.rim_radius_m, turning
@@ -325,7 +326,7 @@ def _angle(sensor: Sensor) -> FloatArray | None:
     return None
 
 
-def _turned(wheel: tuple[FloatArray, FloatArray, int], t_s: FloatArray, start_ns: int, reverse: bool) -> FloatArray:
+def _turned(wheel: tuple[FloatArray, FloatArray, int], t_s: FloatArray, start_ns: int) -> FloatArray:
     """How far a wheel has turned at times from a start, rad (N,); NaN where it has no samples around."""
     times, turned, first_ns = wheel
     seen = np.isfinite(turned)
@@ -335,7 +336,20 @@ def _turned(wheel: tuple[FloatArray, FloatArray, int], t_s: FloatArray, start_ns
     after = np.clip(np.searchsorted(times, at), 1, max(1, len(times) - 1))
     if len(times) > 1:
         out[times[after] - times[after - 1] > _WHEEL_GAP_S] = np.nan
-    return -out if reverse else out
+    return out
+
+
+def _forward(turned: FloatArray, side: str, settings: AnalysisSettings, notes: list[str]) -> FloatArray:
+    """How far a wheel has turned forward: as the settings say, else the way that it turned farther."""
+    seen = turned[np.isfinite(turned)]
+    if not len(seen):
+        notes.append(f"the {side} wheel has no samples while the wrist was seen: is its clock the video's?")
+    if settings.wheel.reverse is not None:
+        return -turned if settings.wheel.reverse else turned
+    if len(seen) and seen[-1] < seen[0]:
+        notes.append(f"the {side} wheel's angle falls on the way forward: taken the other way round; see wheel.reverse")
+        return -turned
+    return turned
 
 
 def _lengths(curves: Mapping[str, ArmCurves], stamp_s: FloatArray) -> list[SegmentLength]:

@@ -120,16 +120,17 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
     guesses = [_guesses(hand.t_s, pushes, k) for k in range(len(pushes))]
     path = replace(path, shake_m=shake_of(path, [guess for both in guesses for guess in both]))
     told = [(instant(path, *contact), instant(path, *release)) for contact, release in guesses]
-    events, strokes = [], []
+    events, strokes, notes = [], [], []
     for number, (contact, release) in enumerate(told):
         for kind, found in ((EventKind.CONTACT, contact), (EventKind.RELEASE, release)):
             if isinstance(found, Instant):
                 events.append(_event(hand, kind, number, found, radius))
         following = told[number + 1][0] if number + 1 < len(told) else None
-        strokes.append(_stroke(hand, about, radius, number, contact, release, following, pushes))
-    kept = tuple(stroke for stroke in strokes if stroke is not None)
-    notes = tuple(f"{hand.side} hand, stroke {s.stroke}: {s.missing}" for s in kept if s.missing)
-    return HandStrokes(hand.wheel, radius, tuple(events), kept, notes)
+        missing = _missing(contact, release)
+        notes += [f"{hand.side} hand, stroke {number}: {missing}"] if missing else []
+        stroke = _stroke(hand, about, radius, number, contact, release, following, pushes)
+        strokes += [stroke] if stroke is not None else []
+    return HandStrokes(hand.wheel, radius, tuple(events), tuple(strokes), tuple(notes))
 
 
 def _going(hand: Hand, about: AboutAxle) -> tuple[FloatArray, BoolArray, FloatArray]:
@@ -294,18 +295,22 @@ def _degrees(angle_rad: float) -> float:
     return float((np.degrees(angle_rad) + 90.0) % 360.0 - 90.0)
 
 
+def _missing(contact: Instant | str, release: Instant | str) -> str:
+    """What of a push is not there, and why."""
+    told = (("contact", contact), ("release", release))
+    return "; ".join(f"{kind}: {found}" for kind, found in told if isinstance(found, str))
+
+
 def _stroke(
     hand: Hand, about: AboutAxle, radius_m: float, number: int, contact: Instant | str, release: Instant | str,
     following: Instant | str | None, pushes: list[tuple[int, int]],
 ) -> Stroke | None:  # fmt: skip
-    missing = [
-        f"{kind}: {found}" for kind, found in (("contact", contact), ("release", release)) if isinstance(found, str)
-    ]
+    """From what is known of it; None where neither its contact nor its release is."""
     starts = contact if isinstance(contact, Instant) else release
     if not isinstance(starts, Instant):
         return None
     stroke = Stroke(
-        hand.start_ns + round(starts.t_s * NS_PER_S), hand.side, hand.marker, number, missing="; ".join(missing)
+        hand.start_ns + round(starts.t_s * NS_PER_S), hand.side, hand.marker, number, missing=_missing(contact, release)
     )
     more: dict[str, float | str | None] = {}
     upright = hand.tilt_sd_rad is not None
