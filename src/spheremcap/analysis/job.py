@@ -43,7 +43,7 @@ from spheremcap.io.recording import (
     sensor_name,
     track_name,
 )
-from spheremcap.io.rewrite import ChunkWriter, copy_piece, same, write_piece
+from spheremcap.io.rewrite import ChunkWriter, copy_piece
 from spheremcap.io.strokes import columns_of
 from spheremcap.io.topics import REPLACED, Topics, topics_of
 
@@ -108,14 +108,11 @@ def analyse(
                 while waiting is not None and waiting.log_time <= piece.end:
                     batch.append(waiting)
                     waiting = next(own, None)
-                    if len(batch) == _CHUNK_MESSAGES and batch[-1].log_time < piece.start:
+                    if len(batch) == _CHUNK_MESSAGES:
                         writer.write(batch, "zstd")
                         batch = []
-                if batch:  # in one chunk with those of its time
-                    both = [*batch, *map(same, records.messages_of(piece))]
-                    write_piece(records, piece, sorted(both, key=lambda message: message.log_time), writer)
-                else:
-                    copy_piece(records, piece, writer)
+                writer.write(batch, "zstd")
+                copy_piece(records, piece, writer)
             rest = [] if waiting is None or report.stopped else [waiting, *own]
             writer.write(rest, "zstd")
             writer.complete = not report.stopped
