@@ -13,8 +13,6 @@ from spheremcap.config import (
     MarkerSettings,
     OutputSettings,
     Settings,
-    chair_toml,
-    load_chair,
     load_seeds,
     load_settings,
     parse_seed,
@@ -25,6 +23,7 @@ from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Hidden, Keep, Seed
 from spheremcap.core.stage import StageConfig
 from spheremcap.errors import SettingsError, SpheremcapError
+from spheremcap.io.chair_file import chair_toml, load_chair
 from spheremcap.tracking.kcf import KcfConfig
 
 

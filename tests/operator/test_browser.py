@@ -17,10 +17,11 @@ from hand import FLAGS, Annotate, Hand, Program, find_chromium
 
 import spheremcap
 from spheremcap import api
-from spheremcap.config import load_chair, load_seeds, load_settings, seeds_toml
+from spheremcap.config import load_seeds, load_settings, seeds_toml
 from spheremcap.core.chair import ChairClick
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Hidden, Keep, Seed
+from spheremcap.io.chair_file import load_chair
 
 Visit = Callable[..., Hand]
 Serve = Callable[..., Annotate]

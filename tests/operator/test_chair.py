@@ -12,11 +12,12 @@ import pytest
 
 import clips
 from spheremcap import api
-from spheremcap.config import Settings, chair_toml, load_chair
+from spheremcap.config import Settings
 from spheremcap.core.camera import Camera
 from spheremcap.core.chair import CLICKED, ChairClick
 from spheremcap.core.marker import Seed
 from spheremcap.errors import OutputError, SettingsError, UsageError
+from spheremcap.io.chair_file import chair_toml, load_chair
 from spheremcap.io.sources import FromMcap
 from spheremcap.operator import answers as room
 from spheremcap.operator.chair import ChairFile, fit_rim

@@ -7,7 +7,7 @@ a row of residuals over its standard deviation; what none of them says is held w
 is unsure, and the covariance says so.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,6 +30,8 @@ _USUAL_DOWN_DEG, _USUAL_TURN_DEG, _USUAL_XYZ_M = (15.0, 15.0), 4.0, (1.0, 0.02, 
 _USUAL_HALF_TRACK_M = 0.28, 0.06
 _UPRIGHT_DEG = 3.0
 """How well the camera's tilt has to be known for an angle to count from straight up."""
+_TOO_FAR = 0.01
+"""By what share of its distance a marker may be seen too far or too near all the time."""
 _OUTWARD_M = 0.02, 0.03
 """How far outward of the rim's plane wrists are."""
 
@@ -41,7 +43,8 @@ class ChairFrame:
     `rotation` (3, 3) turns vectors of the camera's optical frame into the chair's; `camera_xyz_chair_m` (3,) is where
     the lens is. `covariance` (6, 6) is that of a small turn (radians, about the chair's axes) and of that place
     (metres). `half_track_m` is from the middle to a hub. `told_by` names what it rests on, `misfit` the residuals' root
-    mean square over their standard deviations. Without `upright` nothing says how the camera is tilted.
+    mean square over their standard deviations. Without `upright` nothing says how the camera is tilted. `too_far` is by
+    what share of its distance a side's wrist is seen too far away, as its circle tells.
     """
 
     rotation: FloatArray
@@ -52,6 +55,12 @@ class ChairFrame:
     told_by: tuple[str, ...]
     misfit: float
     upright: bool
+    too_far: Mapping[str, float] = field(default_factory=dict)
+
+    def wheel(self, side: str, camber_rad: float) -> Wheel:
+        """A side's wheel as its wrist sees it: a wrist that is seen too far away goes about a hub that is, too."""
+        wheel = Wheel.of(side, self.half_track_m, camber_rad)
+        return Wheel(wheel.hub_m + self.too_far.get(side, 0.0) * (wheel.hub_m - self.camera_xyz_chair_m), wheel.axes)
 
     def place(self, xyz_cam_m: FloatArray) -> FloatArray:
         """Positions (N, 3) in the chair's frame, of those in the camera's."""
@@ -121,7 +130,8 @@ def chair_frame(known: Known) -> ChairFrame:
 
 
 class _Fit:
-    """Unknowns: a small turn (3), where the camera is (3), half the track, and of each circle radius and plane."""
+    """Unknowns: a small turn (3), where the camera is (3), half the track, and of each circle its radius, its plane and
+    how much too far its marker is seen."""
 
     def __init__(self, known: Known) -> None:
         self.known = known
@@ -143,6 +153,7 @@ class _Fit:
         return ChairFrame(
             rotation, xyz, covariance[:6, :6], half, float(np.sqrt(covariance[6, 6])), self.known.told_by(), misfit,
             bool(np.degrees(np.sqrt(covariance[1, 1])) < _UPRIGHT_DEG),
+            {side: float(found.x[9 + 3 * k]) for k, side in enumerate(self._sides)},
         )  # fmt: skip
 
     def _parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -166,7 +177,7 @@ class _Fit:
             xyz_m = np.mean(places, axis=0)
         else:
             xyz_m = self._by_size(rotation, half)
-        radii = [value for side in self._sides for value in (known.circles[side].radius_m, _OUTWARD_M[0])]
+        radii = [value for side in self._sides for value in (known.circles[side].radius_m, _OUTWARD_M[0], 0.0)]
         return np.array([*turn, *xyz_m, half, *radii])
 
     def _by_size(self, rotation: FloatArray, half: float) -> FloatArray:
@@ -243,12 +254,12 @@ class _Fit:
                 gap = pixel - (click.x_px, click.y_px)
                 rows.append(np.nan_to_num(gap, nan=1e3) / (2 * _CLICK_PX))
         for k, side in enumerate(self._sides):
-            radius, outward = x[7 + 2 * k : 9 + 2 * k]
+            radius, outward, too_far = x[7 + 3 * k : 10 + 3 * k]
             wheel, circle = Wheel.of(side, half, known.camber_rad), known.circles[side]
-            u, v, w = wheel.axes @ (circle.xyz_cam_m @ rotation.T + xyz - wheel.hub_m).T
+            u, v, w = wheel.axes @ ((1 - too_far) * circle.xyz_cam_m @ rotation.T + xyz - wheel.hub_m).T
             rows.append((np.hypot(u, v) - radius) * circle.weight_per_m)
             rows.append((w - outward) * circle.plane_weight_per_m)
-            rows.append(np.array([(outward - _OUTWARD_M[0]) / _OUTWARD_M[1]]))
+            rows.append(np.array([(outward - _OUTWARD_M[0]) / _OUTWARD_M[1], too_far / _TOO_FAR]))
         return np.concatenate(rows)
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from spheremcap.analysis import arms
 from spheremcap.analysis.arms import Joint, Values
 from spheremcap.analysis.rim import AboutAxle, Wheel, about_axle
-from spheremcap.analysis.smoother import PAIRS, Smoother, unpacked
+from spheremcap.analysis.smoother import PAIRS, Smoother
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -44,7 +44,7 @@ class ArmCurves:
 
     def about(self, wheel: Wheel, part: slice = slice(None)) -> AboutAxle:
         """The smoothed wrist about a wheel's axle, of a part of the frames."""
-        return about_axle(self.xyz_m[part].astype(np.float64), unpacked(self.packed[part]), wheel)
+        return about_axle(self.xyz_m[part], self.packed[part], wheel)
 
 
 @dataclass(frozen=True)

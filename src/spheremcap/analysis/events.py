@@ -30,6 +30,8 @@ _LEAST_SIDE = 3
 """Measured positions that are needed on either side."""
 GUESS_SD_S = 0.003
 """How well it is known when the wrist begins and ceases to go along the rim, without a fit."""
+EARLY_S, LATE_S = 0.004, 0.012
+"""How much earlier than a contact and later than a release that is seen, for a hand comes and goes slowly."""
 _MOST_MISSING = 3.5
 """Frames from one measured position to the next, across which an instant is still told."""
 _SLOW_S = 0.04
@@ -42,7 +44,9 @@ _SOFT_S = 0.003
 """How long a hand takes to be as fast as the rim it has met: flesh and glove give."""
 _FREE_RADIUS = 2
 """The column of the speed inward before contact."""
-_FREE_S = 0.02
+_NEAR_S = 0.01
+"""So near to a gap an instant may as well lie in it."""
+_FREE_S = 0.04
 """How long a hand has to be seen off the rim."""
 _MODEL_S = 0.0008
 """What an instant is good to for that: hands are softer or harder than `_SOFT_S`."""
@@ -112,32 +116,33 @@ def instant(path: Path, kind: EventKind, guess_s: float, earliest_s: float, late
     found = _fitted(path, kind, guess_s, earliest_s, latest_s)
     if found is None:
         return "too few positions were measured at it"
+    gap = _gap_beside(path, kind, guess_s)
+    if gap > _MOST_MISSING * path.step_s:
+        return f"{round(gap / path.step_s) - 1} frames are missing at it"
     fit, times, misfits = found
     free_s = guess_s - fit.path.t_s[0] if kind is EventKind.CONTACT else fit.path.t_s[-1] - guess_s
     if free_s < max(_FREE_S, (_LEAST_SIDE + 1) * path.step_s):
         return f"the hand was not seen off the rim {'before' if kind is EventKind.CONTACT else 'after'} it"
     best = int(misfits.argmin())
     if best in (0, len(times) - 1):
-        return _unfitted(path.near(earliest_s, latest_s), fit, guess_s)
+        return _unfitted(path.near(earliest_s, latest_s), kind, fit, guess_s)
     times = times[best] + np.arange(-10, 11) * _FINE_S
     misfits = fit.misfits(times)
     best, near = int(misfits.argmin()), fit.path
     scale = max(1.0, float(misfits[best]) / fit.freedom)
     sd_s = fit.spread(float(times[best]), scale)
     if sd_s is None:
-        return _unfitted(path.near(earliest_s, latest_s), fit, guess_s)
-    gap = _gap_at(near.t_s, float(times[best]))
-    if gap > _MOST_MISSING * path.step_s:
-        return f"{round(gap / path.step_s) - 1} frames are missing at it"
+        return _unfitted(path.near(earliest_s, latest_s), kind, fit, guess_s)
+    if (missing := _missing_at(near, kind, float(times[best]))) is not None:
+        return missing
     sd_s = float(np.hypot(sd_s, _MODEL_S))
     return Instant(float(times[best]), sd_s, *fit.there(float(times[best]), sd_s, scale), True, fit.by_wheel)
 
 
-def _unfitted(path: Path, fit: "_Fit", guess_s: float) -> Instant | str:
+def _unfitted(path: Path, kind: EventKind, fit: "_Fit", guess_s: float) -> Instant | str:
     """The guess itself, as widely as it may be off, where the fit tells nothing."""
-    gap = _gap_at(path.t_s, guess_s)
-    if gap > _MOST_MISSING * path.step_s:
-        return f"{round(gap / path.step_s) - 1} frames are missing at it"
+    if (missing := _missing_at(path, kind, guess_s)) is not None:
+        return missing
     sd_s = max(GUESS_SD_S, path.step_s)
     return Instant(guess_s, sd_s, *fit.there(guess_s, sd_s, 1.0), False, fit.by_wheel)
 
@@ -171,9 +176,26 @@ def _fitted(
     return fit, times, fit.misfits(times)
 
 
-def _gap_at(t_s: FloatArray, at_s: float) -> float:
-    k = int(np.searchsorted(t_s, at_s))
-    return float(t_s[min(k, len(t_s) - 1)] - t_s[max(k - 1, 0)])
+def _missing_at(path: Path, kind: EventKind, at_s: float) -> str | None:
+    """Which gap an instant may lie in: one at it, or just off the rim of it, where it would have been seen first."""
+    off_s = -_NEAR_S if kind is EventKind.CONTACT else _NEAR_S
+    low, high = sorted((at_s, at_s + off_s))
+    first = max(int(np.searchsorted(path.t_s, low)) - 1, 0)
+    last = min(int(np.searchsorted(path.t_s, high)) + 1, len(path.t_s))
+    gap = float(np.diff(path.t_s[first:last]).max(initial=0.0))
+    if gap <= _MOST_MISSING * path.step_s:
+        return None
+    return f"{round(gap / path.step_s) - 1} frames are missing at it"
+
+
+def _gap_beside(path: Path, kind: EventKind, guess_s: float) -> float:
+    """How long before the wrist was first seen on the rim, or after it was last seen there, nothing was measured, s:
+    the instant is then in that gap, wherever the fit would have it."""
+    if kind is EventKind.CONTACT:
+        k = int(np.searchsorted(path.t_s, guess_s - EARLY_S - path.step_s / 2))
+    else:
+        k = int(np.searchsorted(path.t_s, guess_s + LATE_S + path.step_s / 2))
+    return float(path.t_s[k] - path.t_s[k - 1]) if 0 < k < len(path.t_s) else 0.0
 
 
 def _covariance(path: Path) -> FloatArray:

@@ -28,6 +28,7 @@ _CIRCLE_FRAMES = 12_000
 """So many frames tell where the push's circle is."""
 _MISFIT = 3.0
 """What is known of the chair contradicts itself where it fits so badly."""
+_BLOCK = 8192
 _WHEEL_GAP_S = 0.1
 """Across so long without a sample nothing is known of a wheel."""
 
@@ -116,28 +117,30 @@ def findings_of(
     chair = _chair(session, settings, clicks, in_camera, wheels, stamps[0], notes)
     smoothers, may_use = {}, {}
     for key, track in in_camera.items():
-        placed = track if chair is None else _placed(track, chair)
-        if placed.measured.sum() < 4:
-            notes.append(f"{track.marker}: measured on {int(placed.measured.sum())} frames, too few for anything")
+        if chair is not None:
+            _place(track, chair)
+        if track.measured.sum() < 4:
+            notes.append(f"{track.marker}: measured on {int(track.measured.sum())} frames, too few for anything")
             continue
-        smoothers[key] = Smoother(placed)
-        may_use[key] = _usable(placed, fill_s)
+        smoothers[key] = Smoother(track)
+        may_use[key] = _usable(track, fill_s)
     curves, trunk = curves_of(smoothers, may_use, chair=chair is not None and chair.upright)
     hands = {}
     for side, arm in curves.items():
         if chair is None:
             continue
-        smoother, wheel = smoothers[side, "wrist"], wheels.get(side)
+        smoother, turned = smoothers[side, "wrist"], None
+        if side in wheels:
+            turned = _forward(_turned(wheels[side], smoother.track.t_s, int(stamps[0])), side, settings, notes)
         hand = Hand(
             side, int(stamps[0]), smoother.track, smoother.noise, arm,
-            Wheel.of(side, chair.half_track_m, float(np.radians(settings.wheel.camber_deg))),
-            None if wheel is None else _turned(wheel, smoother.track.t_s, int(stamps[0]), settings.wheel.reverse),
-            frame_s, chair.hub_sd_m(), chair.tilt_sd_rad if chair.upright else None,
+            chair.wheel(side, float(np.radians(settings.wheel.camber_deg))),
+            turned, frame_s, chair.hub_sd_m(), chair.tilt_sd_rad if chair.upright else None,
         )  # fmt: skip
         hands[side] = strokes_of(hand, settings.wheel.rim_radius_m)
         notes += hands[side].notes
     return Findings(
-        session, stamps, chair, curves, trunk, hands, tuple(_lengths(curves, trunk, stamp_s)),
+        session, stamps, chair, curves, trunk, hands, tuple(_lengths(curves, stamp_s)),
         tuple(_quality(session, joints, smoothers)), tuple(notes),
     )  # fmt: skip
 
@@ -160,28 +163,24 @@ def _unnamed(joints: Mapping[tuple[str, str], str], settings: AnalysisSettings, 
 
 def _track(session: Session, poses: Poses, stamps: npt.NDArray[np.int64], stamp_s: FloatArray) -> JointTrack:
     """A marker on all frames, in the camera's frame, at the times when its rows were exposed."""
+    camera, t_s = session.camera, stamp_s
     at = np.searchsorted(stamps, poses.stamp_ns)
     xyz, packed = (np.full((len(stamps), width), np.nan, np.float32) for width in (3, 6))
-    xyz[at] = poses.xyz_cam_m
-    camera, t_s = session.camera, stamp_s
-    packed[at] = without_focal(poses, 0.0 if camera is None else camera.focal_sd)
+    xyz[at], packed[at] = poses.xyz_cam_m, without_focal(poses, 0.0 if camera is None else camera.focal_sd)
     if camera is not None and session.readout_s:
         row = np.zeros(len(stamps))
-        row[at] = np.nan_to_num(poses.circle_px[:, 1] / (camera.height_px - 1) - 0.5)
+        row[at] = np.nan_to_num(poses.row_px / (camera.height_px - 1) - 0.5)
         t_s = np.maximum.accumulate(stamp_s + row * session.readout_s)
     return JointTrack(poses.marker, stamp_s, t_s, xyz, packed)
 
 
-def _placed(track: JointTrack, chair: ChairFrame) -> JointTrack:
-    """A track in the chair's frame."""
-    xyz = chair.place(track.xyz_m.astype(np.float64)).astype(np.float32)
-    packed = np.empty_like(track.packed)
-    turn = chair.rotation
-    for start in range(0, len(track), 4096):
-        part = slice(start, start + 4096)
-        turned = turn @ track.covariance(part) @ turn.T
-        packed[part] = turned.reshape(-1, 9)[:, [0, 1, 2, 4, 5, 8]]
-    return JointTrack(track.marker, track.stamp_s, track.t_s, xyz, packed)
+def _place(track: JointTrack, chair: ChairFrame) -> None:
+    """Bring a track into the chair's frame, in place: half an hour of all markers is a hundred megabytes."""
+    for start in range(0, len(track), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        turned = chair.turn(track.covariance(part))
+        track.packed[part] = turned.reshape(-1, 9)[:, [0, 1, 2, 4, 5, 8]]
+        track.xyz_m[part] = chair.place(track.xyz_m[part].astype(np.float64))
 
 
 def _usable(track: JointTrack, fill_s: float) -> BoolArray:
@@ -276,7 +275,7 @@ def _circles(
         wheel = wheels.get(side)
         turning = None
         if wheel is not None:
-            turned = _turned(wheel, track.t_s[part], start_ns, False)
+            turned = _turned(wheel, track.t_s[part], start_ns)
             turning = np.abs(np.gradient(turned, track.t_s[part]))[seen]
         circle = push_circle(
             track.t_s[part][seen], motion.xyz_m[seen], motion.velocity_mps[seen], plane, known.rim_radius_m, turning
@@ -327,7 +326,7 @@ def _angle(sensor: Sensor) -> FloatArray | None:
     return None
 
 
-def _turned(wheel: tuple[FloatArray, FloatArray, int], t_s: FloatArray, start_ns: int, reverse: bool) -> FloatArray:
+def _turned(wheel: tuple[FloatArray, FloatArray, int], t_s: FloatArray, start_ns: int) -> FloatArray:
     """How far a wheel has turned at times from a start, rad (N,); NaN where it has no samples around."""
     times, turned, first_ns = wheel
     seen = np.isfinite(turned)
@@ -337,21 +336,28 @@ def _turned(wheel: tuple[FloatArray, FloatArray, int], t_s: FloatArray, start_ns
     after = np.clip(np.searchsorted(times, at), 1, max(1, len(times) - 1))
     if len(times) > 1:
         out[times[after] - times[after - 1] > _WHEEL_GAP_S] = np.nan
-    return -out if reverse else out
+    return out
 
 
-def _lengths(curves: Mapping[str, ArmCurves], trunk: TrunkCurves | None, stamp_s: FloatArray) -> list[SegmentLength]:
+def _forward(turned: FloatArray, side: str, settings: AnalysisSettings, notes: list[str]) -> FloatArray:
+    """How far a wheel has turned forward: as the settings say, else the way that it turned farther."""
+    seen = turned[np.isfinite(turned)]
+    if not len(seen):
+        notes.append(f"the {side} wheel has no samples while the wrist was seen: is its clock the video's?")
+    if settings.wheel.reverse is not None:
+        return -turned if settings.wheel.reverse else turned
+    if len(seen) and seen[-1] < seen[0]:
+        notes.append(f"the {side} wheel's angle falls on the way forward: taken the other way round; see wheel.reverse")
+        return -turned
+    return turned
+
+
+def _lengths(curves: Mapping[str, ArmCurves], stamp_s: FloatArray) -> list[SegmentLength]:
     found = []
     for side, arm in curves.items():
         for name, segment in (("forearm", f"{side} forearm"), ("upper_arm", f"{side} upper arm")):
             if f"{name}_m" in arm.values:
                 found.append(segment_length(segment, stamp_s, arm.values[f"{name}_m"], arm.values[f"{name}_sd_m"]))
-    if trunk is not None and "shoulders_m" in trunk.values:
-        found.append(
-            segment_length(
-                "between the shoulders", stamp_s, trunk.values["shoulders_m"], trunk.values["shoulders_sd_m"]
-            )
-        )
     return found
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import tomli_w
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from mcap.records import Attachment
 
 from spheremcap.analysis.cycles import PERCENT, Band, bands_of
@@ -15,27 +16,31 @@ from spheremcap.analysis.findings import Findings, Session, findings_of
 from spheremcap.analysis.messages import ROOT, messages_of
 from spheremcap.analysis.page import page
 from spheremcap.analysis.settings import AnalysisSettings
-from spheremcap.config import chair_toml, load_chair
+from spheremcap.core.camera import Camera
 from spheremcap.core.chair import ChairClick
 from spheremcap.core.stroke import Stroke, StrokeEvent
 from spheremcap.errors import SourceError, UsageError
+from spheremcap.io.chair_file import chair_toml, load_chair
 from spheremcap.io.export import tables
 from spheremcap.io.join import CLOCK_METADATA, OutMessage
 from spheremcap.io.mcap_log import schema_id
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.output import VERSION, checked_output, records_output, whole_file
-from spheremcap.io.poses import read_poses
+from spheremcap.io.poses import PoseRows
 from spheremcap.io.recording import (
+    CALIBRATION,
     REQUEST,
+    STATE,
     UNREADABLE,
     WHEEL,
+    SensorRows,
+    camera_in,
     damage_line,
-    first_camera,
     first_settings,
-    read_sensors,
     request_of,
     runs_of,
     schema_names,
+    sensor_name,
     track_name,
 )
 from spheremcap.io.rewrite import ChunkWriter, copy_piece, same, write_piece
@@ -45,6 +50,7 @@ from spheremcap.io.topics import REPLACED, Topics, topics_of
 ANALYSIS_METADATA = "spheremcap/analysis/"
 _MADE_BY = {"made_by": "analysis"}
 _CHUNK_MESSAGES = 8192
+_HELD_BYTES = 4 << 20
 Progress = Callable[[int, int | None], None]
 
 
@@ -77,7 +83,7 @@ def analyse(
         clicks, size = load_chair(folder / settings.chair.clicks)
     for path in (output, *beside):
         checked_output(path, given, overwrite=overwrite)
-    with McapRecords(recording) as records:
+    with McapRecords(recording, held_bytes=_HELD_BYTES) as records:
         session = _session(records)
         if clicks and session.camera is not None and size != (session.camera.width_px, session.camera.height_px):
             raise UsageError(
@@ -138,38 +144,42 @@ def _session(records: McapRecords) -> Session:
     topics = sorted({channel.topic for channel in records.channels.values()})
     if any(topic.startswith(f"{ROOT}/") for topic in topics):
         raise SourceError(f"{records.path}: was analysed already: analyse the recording that it was made from")
-    poses = read_poses(records)
-    if not poses:
+    names = schema_names(records)
+    wanted = (STATE, WHEEL, CALIBRATION, REQUEST)
+    reading = {c.topic for c in records.channels.values() if names[c.id] in wanted and not c.topic.startswith(REPLACED)}
+    poses, wheels, asked = PoseRows(), dict[int, SensorRows](), Counter[str]()
+    camera: Camera | None = None
+    for raw in records.messages(reading) if reading else ():  # once, for the pictures lie between
+        kind = names.get(raw.channel.id)
+        try:
+            if kind == STATE:
+                poses.add(raw)
+            elif kind == WHEEL:
+                if raw.channel.id not in wheels:
+                    wheels[raw.channel.id] = SensorRows(raw.channel, records)
+                wheels[raw.channel.id].add(raw)
+            elif kind == CALIBRATION:
+                camera = camera or camera_in(CameraCalibration.FromString(raw.data), raw.channel)
+            elif kind == REQUEST and not (request := request_of(raw)).answered:
+                asked[track_name(raw.channel.topic, request.marker)] += 1
+        except UNREADABLE as error:
+            records.undecodable(raw.channel.topic, error)
+    found = poses.poses()
+    if not found:
         raise SourceError(
             f"{records.path}: has no markers of spheremcap in it; its topics: {', '.join(topics) or 'none'}"
         )
-    camera = first_settings(records).get("camera", {})
-    readout_s = camera.get("readout_s") if isinstance(camera, dict) else None
+    said = first_settings(records).get("camera", {})
+    readout_s = said.get("readout_s") if isinstance(said, dict) else None
     return Session(
-        records.path.stem, poses, read_sensors(records, kinds=[WHEEL]), first_camera(records),
-        float(readout_s) if isinstance(readout_s, int | float) else None, _asked(records),
+        records.path.stem, found, {sensor_name(rows.topic): rows.sensor() for rows in wheels.values() if len(rows)},
+        camera, float(readout_s) if isinstance(readout_s, int | float) else None, dict(asked),
         {
             record.name.removeprefix(CLOCK_METADATA).rpartition("/")[0]: record.metadata
             for record in records.metadata
             if record.name.startswith(CLOCK_METADATA)
         },
     )  # fmt: skip
-
-
-def _asked(records: McapRecords) -> dict[str, int]:
-    """How many requests are open, by marker."""
-    names = schema_names(records)
-    asked = Counter[str]()
-    topics = {c.topic for c in records.channels.values() if names[c.id] == REQUEST and not c.topic.startswith(REPLACED)}
-    for raw in records.messages(topics) if topics else ():
-        try:
-            request = request_of(raw)
-        except UNREADABLE as error:
-            records.undecodable(raw.channel.topic, error)
-            continue
-        if not request.answered:
-            asked[track_name(raw.channel.topic, request.marker)] += 1
-    return dict(asked)
 
 
 def _write_facts(
@@ -198,6 +208,7 @@ def _facts(found: Findings) -> dict[str, str]:
     facts = {"notes": "; ".join(found.notes)}
     if found.chair is not None:
         facts |= {"chair": ", ".join(found.chair.told_by), "chair.upright": str(found.chair.upright).lower()}
+        facts |= {f"{side}.too_far": f"{share:+.4f}" for side, share in found.chair.too_far.items()}
     for side, hand in found.hands.items():
         facts |= {f"{side}.push_radius_m": f"{hand.push_radius_m:.5f}", f"{side}.strokes": str(len(hand.strokes))}
     return facts

@@ -5,7 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from spheremcap.analysis.smoother import unpacked
+
 FloatArray = npt.NDArray[np.float64]
+_BLOCK = 8192
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,15 +41,20 @@ class AboutAxle:
     covariance: FloatArray
 
 
-def about_axle(xyz_chair_m: FloatArray, covariance_m2: FloatArray, wheel: Wheel) -> AboutAxle:
-    """Positions (N, 3) in the chair's frame with covariances (N, 3, 3), about the axle of a wheel."""
-    u, v, w = wheel.axes @ (xyz_chair_m - wheel.hub_m).T
-    radius, angle = np.hypot(u, v), np.arctan2(u, v)
-    seen = np.isfinite(angle)
-    angle[seen] = np.unwrap(angle[seen])
-    along_u, along_v = u / radius, v / radius
-    rows = np.zeros((len(u), 2, 3))
-    rows[:, 0, 0], rows[:, 0, 1] = along_u, along_v
-    rows[:, 1, 0], rows[:, 1, 1] = along_v, -along_u
-    jacobian = rows @ wheel.axes
-    return AboutAxle(radius, angle, w, jacobian @ covariance_m2 @ jacobian.transpose(0, 2, 1))
+def about_axle(xyz_m: npt.NDArray[np.float32], packed: npt.NDArray[np.float32], wheel: Wheel) -> AboutAxle:
+    """Positions (N, 3) in the chair's frame with covariances (N, 6), as in a `JointTrack`, about a wheel's axle."""
+    count = len(xyz_m)
+    out = AboutAxle(np.empty(count), np.empty(count), np.empty(count), np.empty((count, 2, 2)))
+    for start in range(0, count, _BLOCK):
+        part = slice(start, start + _BLOCK)
+        u, v, out.outward_m[part] = wheel.axes @ (xyz_m[part] - wheel.hub_m).T
+        radius = np.hypot(u, v)
+        out.radius_m[part], out.angle_rad[part] = radius, np.arctan2(u, v)
+        rows = np.zeros((len(u), 2, 3))
+        rows[:, 0, 0], rows[:, 0, 1] = u / radius, v / radius
+        rows[:, 1, 0], rows[:, 1, 1] = v / radius, -u / radius
+        jacobian = rows @ wheel.axes
+        out.covariance[part] = jacobian @ unpacked(packed[part]) @ jacobian.transpose(0, 2, 1)
+    seen = np.isfinite(out.angle_rad)
+    out.angle_rad[seen] = np.unwrap(out.angle_rad[seen])
+    return out

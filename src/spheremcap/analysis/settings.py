@@ -27,7 +27,10 @@ class WheelSettings(StageConfig):
         None, description="the left wheel's sensor, its topic without /sensors/; by its name if not"
     )
     right: str | None = Field(None, description="the right wheel's sensor")
-    reverse: bool = Field(False, description="the sensor's angle falls when the chair goes forward")
+    reverse: bool | None = Field(
+        None,
+        description="the sensor's angle falls when the chair goes forward; None: told by the way it turned farther",
+    )
 
 
 class PointSettings(StageConfig):

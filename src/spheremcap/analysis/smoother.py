@@ -4,7 +4,8 @@ The model is a jerk that wanders: per axis the state (p, v, a, j), driven by whi
 three axes are tied together by each measurement's covariance. A Kalman filter goes forward, a Rauch-Tung-Striebel
 smoother (1965) backward, so every estimate rests on the measurements before and after it and nothing is differenced. q,
 and by how much the measurements are noisier than they say, are those under which the marker's own measurements are the
-likeliest.
+likeliest. What they scatter by less than they say errs slowly (light, blur, what is behind the marker): smoothing does
+not take it away, and the covariances have it.
 """
 
 import math
@@ -20,7 +21,10 @@ FloatArray = npt.NDArray[np.float64]
 _LAP = 160
 """Samples on either side of those that are asked for: what is farther away says nothing of them."""
 _DENSITIES = np.geomspace(1e4, 1e13, 10)
-_NOISES = np.array([0.5, 1.0, 2.0, 4.0])
+_NOISES = np.array([0.25, 0.5, 1.0, 2.0, 4.0])
+_SLOW_S = 1.0, 0.045, 0.013, 0.008
+"""How long what errs in a position and does not differ from frame to frame takes to come and go, as velocity,
+acceleration and jerk see it: it has corners, so the higher ones see shorter times."""
 _LEARN = 2400
 """Samples from which density and noise are learnt."""
 _UNIT_S = 1 / 200
@@ -94,6 +98,7 @@ class Smoother:
         self.track = track
         if track.measured.sum() < _FEWEST:
             raise ValueError(f"{track.marker}: {int(track.measured.sum())} measured positions are too few")
+        self._first = int(np.argmax(track.measured))
         self.density, self.noise = self._learnt()
 
     def motion(self, part: slice) -> Motion:
@@ -108,8 +113,18 @@ class Smoother:
         for k, (i, j) in enumerate(PAIRS):
             for order in range(4):
                 full[order, :, i, j] = full[order, :, j, i] = spreads[:, 6 * order + k] / _PER_UNIT[order] ** 2
+        slow = self._slow(part)
+        for order in range(4):
+            full[order] += slow / _SLOW_S[order] ** (2 * order)
         position, velocity, acceleration, jerk = (states[:, 3 * k : 3 * k + 3] / _PER_UNIT[k] for k in range(4))
         return Motion(position, velocity, acceleration, jerk, full[0], full[1], full[2], full[3])
+
+    def _slow(self, part: slice) -> FloatArray:
+        """What of the positions' covariances does not differ from frame to frame, and so is not smoothed away, (M, 3,
+        3); where nothing is measured, that of the measured frame before."""
+        index = np.where(self.track.measured[part], np.arange(part.start, part.stop), self._first)
+        packed = self.track.packed[np.maximum.accumulate(index)]
+        return max(0.0, 1 - self.noise**2) * unpacked(packed)
 
     def _given(self, part: slice) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Times in units, positions, what whitens them and whether they are there, of a part."""

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from spheremcap.analysis.curves import ArmCurves
-from spheremcap.analysis.events import Instant, Path, instant, shake_of
+from spheremcap.analysis.events import EARLY_S, LATE_S, Instant, Path, instant, shake_of
 from spheremcap.analysis.rim import AboutAxle, Wheel, about_axle
 from spheremcap.analysis.smoother import JointTrack
 from spheremcap.core.stroke import EventKind, Stroke, StrokeEvent
@@ -25,16 +25,19 @@ _SLOW_S = 0.08
 """What errs in a marker's distance takes about so long to come and go."""
 _LEAVES_MPS = 0.35
 """How fast inward or outward a wrist may move while its hand is on the rim."""
-_HOLE_S, _SHORTEST_S, _SHORTEST_RAD = 0.025, 0.030, float(np.radians(20.0))
-"""A push may not be measured for so long within; it lasts so long, and goes so far, at least."""
+_HOLE_S, _OFF_S = 0.025, 0.0125
+"""A push may not be measured for so long within, and seem to be none for so long."""
+_SHORTEST_S, _SHORTEST_RAD = 0.030, float(np.radians(20.0))
+"""It lasts so long, and goes so far, at least."""
 _WRISTS_M = (-0.03, 0.09)
 """How far outward of the rim a wrist on it can be."""
+_TELLS = 0.5
+"""A push tells the rim's rate where it goes as far as this share of the usual."""
 _EXTENT_S = 0.15
 """How far beyond what was first seen of a push it may go on."""
+_ROUNDS = 4
 _OFF_M = 0.006, 1.0, 0.02
 """How far a push's radius, its arc and its distance from the camera may be off, as far as is known before."""
-_EARLY_S, _LATE_S = 0.004, 0.012
-"""How much earlier than a contact and later than a release that is seen, for a hand comes and goes slowly."""
 _STRAYS_M, _AWAY = (0.003, 0.002), 9.0
 """How far in and out a wrist rolls and along the rim it creeps within a push, and how many standard deviations,
 squared, off its way it has left the rim: on three frames in a row."""
@@ -92,7 +95,7 @@ class HandStrokes:
 def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
     """Contacts, releases and strokes of a hand; `rim_radius_m` bounds where the push's circle is looked for."""
     track, noise = hand.track, hand.noise
-    about = about_axle(track.xyz_m.astype(np.float64), track.covariance(), hand.wheel)
+    about = about_axle(track.xyz_m, track.packed, hand.wheel)
     rate, leaving, unsure = _going(hand, about)
     turning = None if hand.turned_rad is None else np.gradient(hand.turned_rad, hand.t_s)
     radius = _push_radius(about, _along(rate, turning, unsure), rate, rim_radius_m)
@@ -103,7 +106,7 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
     pushes = _pushes(hand, about, near & _along(rate, turning, unsure))
     if not pushes:
         return HandStrokes(hand.wheel, radius, (), (), (f"{hand.side} hand: no push was seen",))
-    own = _rim_rate(hand, rate, pushes)
+    own = _rim_rate(hand, about, rate, pushes)
     by_wheel = np.isfinite(turning) if turning is not None else np.zeros(len(track), np.bool_)
     turning = own if turning is None else np.where(by_wheel, turning, own)
     pushes = _pushes(hand, about, near & _along(rate, turning, unsure))
@@ -117,16 +120,17 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
     guesses = [_guesses(hand.t_s, pushes, k) for k in range(len(pushes))]
     path = replace(path, shake_m=shake_of(path, [guess for both in guesses for guess in both]))
     told = [(instant(path, *contact), instant(path, *release)) for contact, release in guesses]
-    events, strokes = [], []
+    events, strokes, notes = [], [], []
     for number, (contact, release) in enumerate(told):
         for kind, found in ((EventKind.CONTACT, contact), (EventKind.RELEASE, release)):
             if isinstance(found, Instant):
                 events.append(_event(hand, kind, number, found, radius))
         following = told[number + 1][0] if number + 1 < len(told) else None
-        strokes.append(_stroke(hand, about, radius, number, contact, release, following, pushes))
-    kept = tuple(stroke for stroke in strokes if stroke is not None)
-    notes = tuple(f"{hand.side} hand, stroke {s.stroke}: {s.missing}" for s in kept if s.missing)
-    return HandStrokes(hand.wheel, radius, tuple(events), kept, notes)
+        missing = _missing(contact, release)
+        notes += [f"{hand.side} hand, stroke {number}: {missing}"] if missing else []
+        stroke = _stroke(hand, about, radius, number, contact, release, following, pushes)
+        strokes += [stroke] if stroke is not None else []
+    return HandStrokes(hand.wheel, radius, tuple(events), tuple(strokes), tuple(notes))
 
 
 def _going(hand: Hand, about: AboutAxle) -> tuple[FloatArray, BoolArray, FloatArray]:
@@ -170,13 +174,16 @@ def _push_radius(about: AboutAxle, along: BoolArray, rate: FloatArray, rim_radiu
     return float(np.median(radius[best : ends[best]]))
 
 
-def _rim_rate(hand: Hand, rate: FloatArray, pushes: list[tuple[int, int]]) -> FloatArray:
+def _rim_rate(hand: Hand, about: AboutAxle, rate: FloatArray, pushes: list[tuple[int, int]]) -> FloatArray:
     """The rim's rate where no wheel tells it, rad/s (N,): the hand's own in the middle of its pushes, for a wheel
-    hardly changes its rate within one."""
-    middles = [(first + (last - first) // 4, last - (last - first) // 4) for first, last in pushes]
+    hardly changes its rate within one. Of a push and its neighbours, for one may err; short ones tell nothing."""
+    far = np.array([about.angle_rad[last] - about.angle_rad[first] for first, last in pushes])
+    whole = [push for push, way in zip(pushes, far, strict=True) if way > _TELLS * float(np.median(far))]
+    middles = [(first + (last - first) // 4, last - (last - first) // 4) for first, last in whole]
     usual = [float(np.nanmedian(rate[low : high + 1])) for low, high in middles]
-    rates = np.array([float(np.median(usual[max(0, k - 2) : k + 3])) for k in range(len(usual))])
-    return np.interp(hand.t_s, [hand.t_s[(low + high) // 2] for low, high in middles], rates)
+    rates = [float(np.median(usual[max(0, k - 1) : k + 2])) for k in range(len(usual))]
+    ends = hand.t_s[np.array(whole)] + np.array([-_EXTENT_S, _EXTENT_S]) / 4
+    return np.interp(hand.t_s, ends.ravel(), np.repeat(rates, 2))
 
 
 def _pushes(hand: Hand, about: AboutAxle, on_rim: BoolArray) -> list[tuple[int, int]]:
@@ -185,7 +192,8 @@ def _pushes(hand: Hand, about: AboutAxle, on_rim: BoolArray) -> list[tuple[int, 
     if not len(index):
         return []
     off = np.concatenate([[0], np.cumsum(np.isfinite(about.radius_m) & ~on_rim)])
-    cuts = np.flatnonzero((np.diff(hand.t_s[index]) > _HOLE_S + hand.frame_s) | (np.diff(off[index]) > 0)) + 1
+    allowed = np.where(np.diff(off[index]) > 0, _OFF_S, _HOLE_S) + hand.frame_s
+    cuts = np.flatnonzero(np.diff(hand.t_s[index]) > allowed) + 1
     found = []
     for run in np.split(index, cuts):
         first, last = int(run[0]), int(run[-1])
@@ -203,7 +211,9 @@ def _whole(
     for first, last in pushes:
         if found and last <= found[-1][1]:
             continue
-        low, high = _extent(t_s, about, (first, last), radius_m, turned_rad)
+        low, high = first, last
+        for _ in range(_ROUNDS):  # the more of a push is known, the better is known where the wrist would be
+            low, high = _extent(t_s, about, (low, high), radius_m, turned_rad)
         if found and low <= found[-1][1]:
             low, high = found[-1][0], max(high, found[-1][1])
             found.pop()
@@ -266,7 +276,7 @@ def _guesses(t_s: FloatArray, pushes: list[tuple[int, int]], k: int) -> tuple[_G
     before = float(t_s[pushes[k - 1][1]]) if k > 0 else -np.inf
     after = float(t_s[pushes[k + 1][0]]) if k + 1 < len(pushes) else np.inf
     middle = (first + last) / 2
-    return (EventKind.CONTACT, first + _EARLY_S, before, middle), (EventKind.RELEASE, last - _LATE_S, middle, after)
+    return (EventKind.CONTACT, first + EARLY_S, before, middle), (EventKind.RELEASE, last - LATE_S, middle, after)
 
 
 def _event(hand: Hand, kind: EventKind, stroke: int, found: Instant, radius_m: float) -> StrokeEvent:
@@ -285,18 +295,22 @@ def _degrees(angle_rad: float) -> float:
     return float((np.degrees(angle_rad) + 90.0) % 360.0 - 90.0)
 
 
+def _missing(contact: Instant | str, release: Instant | str) -> str:
+    """What of a push is not there, and why."""
+    told = (("contact", contact), ("release", release))
+    return "; ".join(f"{kind}: {found}" for kind, found in told if isinstance(found, str))
+
+
 def _stroke(
     hand: Hand, about: AboutAxle, radius_m: float, number: int, contact: Instant | str, release: Instant | str,
     following: Instant | str | None, pushes: list[tuple[int, int]],
 ) -> Stroke | None:  # fmt: skip
-    missing = [
-        f"{kind}: {found}" for kind, found in (("contact", contact), ("release", release)) if isinstance(found, str)
-    ]
+    """From what is known of it; None where neither its contact nor its release is."""
     starts = contact if isinstance(contact, Instant) else release
     if not isinstance(starts, Instant):
         return None
     stroke = Stroke(
-        hand.start_ns + round(starts.t_s * NS_PER_S), hand.side, hand.marker, number, missing="; ".join(missing)
+        hand.start_ns + round(starts.t_s * NS_PER_S), hand.side, hand.marker, number, missing=_missing(contact, release)
     )
     more: dict[str, float | str | None] = {}
     upright = hand.tilt_sd_rad is not None

@@ -37,14 +37,14 @@ def analyse(
 
         spheremcap analyse dataset.mcap -o analysed.mcap --settings analysis.toml
     """
-    from spheremcap import api
+    from spheremcap.analysis import job
     from spheremcap.analysis.settings import AnalysisSettings, load_analysis_settings
 
     loaded()
     given = AnalysisSettings() if settings is None else load_analysis_settings(settings)
     with Interrupt() as interrupted, bar("chunks") as shown:
         task = shown.add_task("analysing", total=None)
-        report = api.analyse(
+        report = job.analyse(
             recording, output, given, folder=settings.parent if settings is not None else Path(), fill_ms=fill,
             inputs=[settings] if settings is not None else [], overwrite=overwrite, stop=interrupted,
             progress=lambda done, total: shown.update(task, completed=done, total=total),

@@ -255,7 +255,7 @@ def open(path: str | os.PathLike[str]) -> Recording:
     `damage`.
     """
     tracks: dict[str, _TrackRows] = {}
-    sensors: dict[int, _SensorRows] = {}
+    sensors: dict[int, SensorRows] = {}
     requests: list[OperatorRequest] = []
     camera: Camera | None = None
     with McapRecords(path) as records:
@@ -272,10 +272,10 @@ def open(path: str | os.PathLike[str]) -> Recording:
                 elif kind == REQUEST:
                     requests.append(request_of(raw))
                 elif kind == CALIBRATION:
-                    camera = camera or _camera(CameraCalibration.FromString(raw.data), raw.channel)
+                    camera = camera or camera_in(CameraCalibration.FromString(raw.data), raw.channel)
                 elif raw.channel.id in sensing:
                     if raw.channel.id not in sensors:
-                        sensors[raw.channel.id] = _SensorRows(raw.channel, records)
+                        sensors[raw.channel.id] = SensorRows(raw.channel, records)
                     sensors[raw.channel.id].add(raw)
             except UNREADABLE as error:
                 records.undecodable(raw.channel.topic, error)
@@ -285,7 +285,7 @@ def open(path: str | os.PathLike[str]) -> Recording:
     return Recording(
         path=Path(path),
         tracks={name: rows.track(name) for name, rows in tracks.items()},
-        sensors={_sensor_name(rows.topic): rows.sensor() for rows in sensors.values() if len(rows)},
+        sensors={sensor_name(rows.topic): rows.sensor() for rows in sensors.values() if len(rows)},
         requests=tuple(requests),
         camera=camera,
         runs=runs,
@@ -335,23 +335,20 @@ def iter_columns(
         yield table.track("").columns() | {"marker": np.array([row.marker for row in batch])}
 
 
-def read_sensors(
-    records: McapRecords, start_ns: int = 0, end_ns: int = 1 << 63, kinds: Collection[str] = SENSORS
-) -> dict[str, Sensor]:
-    """The IMUs and wheels of a recording, or those of some `kinds`, by topic as in `Recording.sensors`, from `start_ns`
-    to before `end_ns`."""
+def read_sensors(records: McapRecords, start_ns: int, end_ns: int) -> dict[str, Sensor]:
+    """The IMUs and wheels of a recording by topic as in `Recording.sensors`, from `start_ns` to before `end_ns`."""
     names = schema_names(records)
-    topics = {c.topic for c in records.channels.values() if names[c.id] in kinds}
-    found: dict[int, _SensorRows] = {}
+    topics = {c.topic for c in records.channels.values() if names[c.id] in SENSORS}
+    found: dict[int, SensorRows] = {}
     for raw in records.messages(topics) if topics else ():
-        if names.get(raw.channel.id) in kinds and start_ns <= raw.log_time < end_ns:
+        if names.get(raw.channel.id) in SENSORS and start_ns <= raw.log_time < end_ns:
             try:
                 if raw.channel.id not in found:
-                    found[raw.channel.id] = _SensorRows(raw.channel, records)
+                    found[raw.channel.id] = SensorRows(raw.channel, records)
                 found[raw.channel.id].add(raw)
             except UNREADABLE as error:
                 records.undecodable(raw.channel.topic, error)
-    return {_sensor_name(rows.topic): rows.sensor() for rows in found.values() if len(rows)}
+    return {sensor_name(rows.topic): rows.sensor() for rows in found.values() if len(rows)}
 
 
 def first_camera(records: McapRecords) -> Camera | None:
@@ -360,7 +357,7 @@ def first_camera(records: McapRecords) -> Camera | None:
     for topic in sorted({c.topic for c in records.channels.values() if names[c.id] == CALIBRATION}):
         for raw in records.messages([topic]):
             try:
-                camera = _camera(CameraCalibration.FromString(raw.data), raw.channel)
+                camera = camera_in(CameraCalibration.FromString(raw.data), raw.channel)
             except UNREADABLE as error:
                 records.undecodable(topic, error)
                 continue
@@ -493,7 +490,7 @@ class _TrackRows:
         )
 
 
-class _SensorRows:
+class SensorRows:
     """A sensor's numbers while the file is read: every numeric leaf of its message, by its path."""
 
     def __init__(self, channel: Channel, records: McapRecords) -> None:
@@ -619,7 +616,7 @@ def senses(channel: Channel, schema: str) -> bool:
     return schema in SENSORS or (under and channel.message_encoding == "protobuf" and schema != "")
 
 
-def _sensor_name(topic: str) -> str:
+def sensor_name(topic: str) -> str:
     return topic.removeprefix("/").removeprefix("sensors/")
 
 
@@ -638,7 +635,7 @@ def request_of(raw: RawMessage) -> OperatorRequest:
     )
 
 
-def _camera(message: Message, channel: Channel) -> Camera | None:
+def camera_in(message: Message, channel: Channel) -> Camera | None:
     """The camera of a CameraCalibration. Raises ValueError for what is none that we know."""
     fields = {field.name.lower(): getattr(message, field.name) for field in message.DESCRIPTOR.fields}
     return camera_of(fields, "the recording", focal_sd=focal_sd_of(channel.metadata))

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spheremcap.config import chair_toml, load_chair
 from spheremcap.core.camera import Camera
 from spheremcap.core.chair import RIM_POINTS, ChairClick, check_clicks
 from spheremcap.errors import SettingsError, UsageError
+from spheremcap.io.chair_file import chair_toml, load_chair
 from spheremcap.operator.answers import alone, state_of, write_durably
 
 _OUTLINE_POINTS = 720  # of a rim 800 pixels across, no point of the outline is 0.01 px off the ellipse
