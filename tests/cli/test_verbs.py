@@ -9,8 +9,8 @@ from clips import COUNT, seed, write_truth
 from spheremcap.config import load_settings
 
 VERBS = (
-    "annotate", "calibrate", "track", "retrack", "merge", "sync", "info", "layout", "export", "render", "plot",
-    "recover", "view", "live",
+    "annotate", "calibrate", "track", "retrack", "merge", "sync", "analyse", "info", "layout", "export", "render",
+    "plot", "recover", "view", "live",
     "evaluate", "experiment", "synth", "tune", "config",
 )  # fmt: skip
 
