@@ -19,13 +19,13 @@ FloatArray = npt.NDArray[np.float64]
 
 _REACH_S = 0.055
 """How far from the instant positions are taken in."""
-_SEARCH_S = 0.020
+_SEARCH_S = 0.014
 """How far from the first guess it is looked for."""
-_COARSE_S, _FINE_S = 0.0015, 0.00015
+_COARSE_S, _FINE_S = 0.002, 0.0002
 _FRAMES_SIDE = 4
 """And how many frames at least, for slower cameras."""
 _FRAMES_SEARCH = 2.0
-_AWAY_S = np.concatenate([[0.0], np.geomspace(0.0001, 0.03, 24)])
+_AWAY_S = np.concatenate([[0.0], np.geomspace(0.0002, 0.03, 14)])
 _LEAST_SIDE = 3
 """Measured positions that are needed on either side."""
 GUESS_SD_S = 0.003
@@ -126,7 +126,7 @@ def instant(path: Path, kind: EventKind, guess_s: float, earliest_s: float, late
     best = int(misfits.argmin())
     if best in (0, len(times) - 1):
         return _unfitted(path.near(earliest_s, latest_s), kind, fit, guess_s)
-    times = times[best] + np.arange(-10, 11) * _FINE_S
+    times = times[best] + np.arange(-9, 10) * _FINE_S
     misfits = fit.misfits(times)
     best, near = int(misfits.argmin()), fit.path
     scale = max(1.0, float(misfits[best]) / fit.freedom)

@@ -63,7 +63,8 @@ class MarkerQuality:
 
 @dataclass(frozen=True)
 class Findings:
-    """A session's analysis. `stamp_ns` (N,) are its frames; what could not be had is named in `notes`."""
+    """A session's analysis; the session is without its poses. `stamp_ns` (N,) are its frames; what could not be had is
+    named in `notes`."""
 
     session: Session
     stamp_ns: npt.NDArray[np.int64]
@@ -124,6 +125,8 @@ def findings_of(
             continue
         smoothers[key] = Smoother(track)
         may_use[key] = _usable(track, fill_s)
+    quality = tuple(_quality(session, joints, smoothers))
+    session = replace(session, poses={})  # half an hour of them is a hundred megabytes, and the tracks have them
     curves, trunk = curves_of(smoothers, may_use, chair=chair is not None and chair.upright)
     hands = {}
     for side, arm in curves.items():
@@ -141,7 +144,7 @@ def findings_of(
         notes += hands[side].notes
     return Findings(
         session, stamps, chair, curves, trunk, hands, tuple(_lengths(curves, stamp_s)),
-        tuple(_quality(session, joints, smoothers)), tuple(notes),
+        quality, tuple(notes),
     )  # fmt: skip
 
 

@@ -78,19 +78,15 @@ def analyse(
     beside = beside_output(output)
     given = [recording, *inputs]
     clicks: Sequence[ChairClick] = ()
+    size = 0, 0
     if settings.chair.clicks is not None:
         given.append(folder / settings.chair.clicks)
         clicks, size = load_chair(folder / settings.chair.clicks)
     for path in (output, *beside):
         checked_output(path, given, overwrite=overwrite)
     with McapRecords(recording, held_bytes=_HELD_BYTES) as records:
-        session = _session(records)
-        if clicks and session.camera is not None and size != (session.camera.width_px, session.camera.height_px):
-            raise UsageError(
-                f"{settings.chair.clicks}: clicked on {size[0]}x{size[1]} pictures, the recording's are "
-                f"{session.camera.width_px}x{session.camera.height_px}"
-            )
-        found = findings_of(session, settings, clicks, fill_ms / 1e3)
+        # The session is not kept here: half an hour of poses is a hundred megabytes, which the tracks have again.
+        found = findings_of(_clicked(_session(records), clicks, size), settings, clicks, fill_ms / 1e3)
         report = AnalysisReport(output, beside, found, list(found.notes))
         with records_output(
             output, lambda file: ChunkWriter(file, records.schemas, records.channels), given, overwrite, records.profile
@@ -177,6 +173,17 @@ def _session(records: McapRecords) -> Session:
             if record.name.startswith(CLOCK_METADATA)
         },
     )  # fmt: skip
+
+
+def _clicked(session: Session, clicks: Sequence[ChairClick], size: tuple[int, int]) -> Session:
+    """The session, where the clicks are on pictures like its own. Raises UsageError."""
+    camera = session.camera
+    if clicks and camera is not None and size != (camera.width_px, camera.height_px):
+        raise UsageError(
+            f"chair.clicks: they are on {size[0]}x{size[1]} pictures, the recording's are "
+            f"{camera.width_px}x{camera.height_px}"
+        )
+    return session
 
 
 def _write_facts(
