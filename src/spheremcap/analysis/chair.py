@@ -146,7 +146,8 @@ class _Fit:
         found = least_squares(self._residuals, start, x_scale="jac")
         self._weights = self._click_weights(found.x)
         found = least_squares(self._residuals, found.x, x_scale="jac")
-        dof = max(1, len(found.fun) - len(found.x))
+        alike = sum(2 * (len(circle.xyz_cam_m) - circle.counts) for circle in self.known.circles.values())
+        dof = max(1.0, len(found.fun) - alike - len(found.x))
         misfit = float(np.sqrt(found.fun @ found.fun / dof))
         covariance = np.linalg.inv(found.jac.T @ found.jac) * max(1.0, misfit) ** 2
         rotation, xyz, half = self._parts(found.x)
@@ -193,7 +194,7 @@ class _Fit:
             far = 2 * (self.known.rim_radius_m or 0.2) / max(float(high), 0.02)
             middle = self._rays[axle[0]] if axle else rays.mean(axis=0)
             places.append(np.array([0.0, sign * half, 0.0]) - rotation @ (far * middle / np.linalg.norm(middle)))
-        return np.mean(places, axis=0) if places else np.array([1.0, 0.0, 0.4])
+        return np.mean(places, axis=0) if places else np.array([1.0 if _looks_back(self.known) else -1.0, 0.0, 0.4])
 
     def _click_weights(self, x: FloatArray) -> FloatArray:
         """What a pixel of a click is worth at its residual, (clicks,): 1 / sd."""

@@ -36,6 +36,11 @@ class PushCircle:
     weight_per_m: float
     plane_weight_per_m: float
 
+    @property
+    def counts(self) -> float:
+        """As how many positions they count."""
+        return len(self.xyz_cam_m) * (self.weight_per_m * _ROLL_M) ** 2
+
 
 def push_circle(
     t_s: FloatArray, xyz_cam_m: FloatArray, velocity_cam_mps: FloatArray, plane: FloatArray,
@@ -64,7 +69,9 @@ def push_circle(
         if refined is None or not low < refined[2] < high or path.travel(*refined)[0] < 0.8 * travel:
             break
         best = refined
-    travel, on, pushes = path.travel(*best)
+    _, on, pushes = path.travel(*best)
+    if pushes == 0:
+        return None
     index = np.flatnonzero(on)
     index = index[:: max(1, len(index) // _KEPT)]
     counts = np.sqrt(min(1.0, _SAYS * pushes / len(index)))

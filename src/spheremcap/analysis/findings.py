@@ -35,11 +35,12 @@ _WHEEL_GAP_S = 0.1
 
 @dataclass(frozen=True)
 class Session:
-    """What of a recording an analysis is made of. `readout_s` is the rolling shutter's (None: nobody knows); `requests`
-    counts the open ones by marker, `clocks` has what a merge wrote of each input's clock."""
+    """What of a recording an analysis is made of; it takes the poses out, once tracks are made of them. `readout_s` is
+    the rolling shutter's (None: nobody knows); `requests` counts the open ones by marker, `clocks` has what a merge
+    wrote of each input's clock."""
 
     name: str
-    poses: Mapping[str, Poses]
+    poses: dict[str, Poses]
     wheels: Mapping[str, Sensor]
     camera: Camera | None
     readout_s: float | None
@@ -126,7 +127,7 @@ def findings_of(
         smoothers[key] = Smoother(track)
         may_use[key] = _usable(track, fill_s)
     quality = tuple(_quality(session, joints, smoothers))
-    session = replace(session, poses={})  # half an hour of them is a hundred megabytes, and the tracks have them
+    session.poses.clear()  # half an hour of them is a hundred megabytes, and the tracks have them
     curves, trunk = curves_of(smoothers, may_use, chair=chair is not None and chair.upright)
     hands = {}
     for side, arm in curves.items():

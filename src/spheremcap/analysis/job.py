@@ -85,7 +85,6 @@ def analyse(
     for path in (output, *beside):
         checked_output(path, given, overwrite=overwrite)
     with McapRecords(recording, held_bytes=_HELD_BYTES) as records:
-        # The session is not kept here: half an hour of poses is a hundred megabytes, which the tracks have again.
         found = findings_of(_clicked(_session(records), clicks, size), settings, clicks, fill_ms / 1e3)
         report = AnalysisReport(output, beside, found, list(found.notes))
         with records_output(
