@@ -120,7 +120,8 @@ def instant(path: Path, kind: EventKind, guess_s: float, earliest_s: float, late
     if gap > _MOST_MISSING * path.step_s:
         return f"{round(gap / path.step_s) - 1} frames are missing at it"
     fit, times, misfits = found
-    free_s = guess_s - fit.path.t_s[0] if kind is EventKind.CONTACT else fit.path.t_s[-1] - guess_s
+    sure = path.near(earliest_s, latest_s).t_s
+    free_s = guess_s - sure[0] if kind is EventKind.CONTACT else sure[-1] - guess_s
     if free_s < max(_FREE_S, (_LEAST_SIDE + 1) * path.step_s):
         return f"the hand was not seen off the rim {'before' if kind is EventKind.CONTACT else 'after'} it"
     best = int(misfits.argmin())
