@@ -22,6 +22,8 @@ _ROLL_M, _PLANE_M = 0.005, 0.010
 """How well wrists keep to their circle and to its plane."""
 _SAYS = 3
 """A push's positions err alike: so many of them count."""
+_FEWEST = 3
+"""Fewer pushes than these could be anything."""
 _KEPT = 600
 
 
@@ -71,6 +73,8 @@ def push_circle(
         best = refined
     _, on, pushes = path.travel(*best)
     if pushes == 0:
+        return None
+    if pushes < _FEWEST:
         return None
     index = np.flatnonzero(on)
     index = index[:: max(1, len(index) // _KEPT)]

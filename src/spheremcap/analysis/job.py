@@ -20,11 +20,13 @@ from spheremcap.core.camera import Camera
 from spheremcap.core.chair import ChairClick
 from spheremcap.core.stroke import Stroke, StrokeEvent
 from spheremcap.errors import SourceError, UsageError
+from spheremcap.io import _pb
 from spheremcap.io.chair_file import chair_toml, load_chair
 from spheremcap.io.export import tables
 from spheremcap.io.join import CLOCK_METADATA, OutMessage
 from spheremcap.io.mcap_log import schema_id
 from spheremcap.io.mcap_records import McapRecords
+from spheremcap.io.messages import Message
 from spheremcap.io.output import VERSION, checked_output, records_output, whole_file
 from spheremcap.io.poses import PoseRows
 from spheremcap.io.recording import (
@@ -223,11 +225,16 @@ def _outgoing(found: Findings, records: McapRecords, writer: ChunkWriter) -> Ite
     topics = topics_of(facts) or Topics()
     channels: dict[str, int] = {}
     sequences = Counter[str]()
-    for stamp_ns, topic, message in messages_of(found, topics.optical_frame):
+
+    def register(topic: str, kind: type[Message]) -> None:
         if topic not in channels:
-            channels[topic] = writer.register_channel(
-                topic, "protobuf", schema_id(writer, type(message)), dict(_MADE_BY)
-            )
+            channels[topic] = writer.register_channel(topic, "protobuf", schema_id(writer, kind), dict(_MADE_BY))
+
+    for side in found.arms:  # there also where no stroke was found: somebody has looked
+        register(f"{ROOT}/{side}/events", _pb.StrokeEvent)
+        register(f"{ROOT}/{side}/strokes", _pb.Stroke)
+    for stamp_ns, topic, message in messages_of(found, topics.optical_frame):
+        register(topic, type(message))
         sequences[topic] += 1
         yield OutMessage(stamp_ns, stamp_ns, sequences[topic], channels[topic], message.SerializeToString())
 
