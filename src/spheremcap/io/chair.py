@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from spheremcap.io import _pb
 from spheremcap.io.mcap_records import McapRecords
@@ -40,6 +39,8 @@ def read_chairs(records: McapRecords) -> list[ChairPose]:
     names = schema_names(records)
     found = []
     for topic in sorted({c.topic for c in records.channels.values() if names[c.id] == CHAIR}):
+        from scipy.spatial.transform import Rotation  # here, for exports without a chair are to start at once
+
         for raw in records.messages([topic]):
             try:
                 said = _pb.ChairFrame.FromString(raw.data)
