@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from test_page import session
+from test_session_page import session
 
 from spheremcap.analysis.messages import messages_of
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from simulated import CAMERA, MOUNT, measured, simulated
-from test_circle import circle_of
+from test_push_circle import circle_of
 
 from spheremcap.analysis.chair import Known, chair_frame
 from spheremcap.core.chair import ChairClick

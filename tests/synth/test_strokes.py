@@ -192,12 +192,12 @@ def test_a_session_of_strokes_in_its_folder(tmp_path):
     }  # fmt: skip
     said = tomllib.loads((one.folder / "analysis.toml").read_text())
     assert said == {
-        "wheel": {"radius_m": 0.35, "rim_radius_m": 0.18, "camber_deg": 11.0},
-        "chair": {"camera_xyz_chair_m": [1.08, 0.0, 0.80], "camera_down_deg": 30.0},
+        "wheel": {"radius_m": 0.35, "rim_radius_m": 0.18, "camber_deg": 11.0, "track_m": 0.6},
+        "chair": {"camera_xyz_chair_m": [1.08, 0.0, 0.50], "camera_down_deg": 15.0},
     }
     assert len(one.seeds) == 6
     usual = tomllib.loads(rendered("strokes", frames=2).beside["analysis.toml"])
-    assert usual["chair"] == {"camera_xyz_chair_m": [1.08, 0.0, 0.50], "camera_down_deg": 15.0}
+    assert usual["chair"] == {"camera_xyz_chair_m": [1.08, 0.0, 0.80], "camera_down_deg": 30.0}
 
 
 def test_other_rates_film_the_same_strokes():
@@ -231,11 +231,11 @@ def test_strokes_are_listed_apart_and_other_names_refused():
 def test_the_wheels_in_the_picture():
     made = ride("strokes", frames=2)
     points = wheel_points(made.motion, Mount(), CAMERA, 8)
-    down = np.radians(15)
+    down = np.radians(30)
 
     def pixel(x, y, z):
         """By OpenCV, from where the mount says that the camera is."""
-        x, y, z = x - 1.08, y, z - 0.50
+        x, y, z = x - 1.08, y, z - 0.80
         seen = np.array([[y, np.sin(down) * x - np.cos(down) * z, -np.cos(down) * x - np.sin(down) * z]])
         return cv2.projectPoints(seen, np.zeros(3), np.zeros(3), CAMERA.matrix, np.array(CAMERA.distortion))[0][0, 0]
 
