@@ -30,6 +30,8 @@ _LEAST_SIDE = 3
 """Measured positions that are needed on either side."""
 GUESS_SD_S = 0.003
 """How well it is known when the wrist begins and ceases to go along the rim, without a fit."""
+EARLY_S, LATE_S = 0.004, 0.012
+"""How much earlier than a contact and later than a release that is seen, for a hand comes and goes slowly."""
 _MOST_MISSING = 3.5
 """Frames from one measured position to the next, across which an instant is still told."""
 _SLOW_S = 0.04
@@ -112,6 +114,9 @@ def instant(path: Path, kind: EventKind, guess_s: float, earliest_s: float, late
     found = _fitted(path, kind, guess_s, earliest_s, latest_s)
     if found is None:
         return "too few positions were measured at it"
+    gap = _gap_beside(path, kind, guess_s)
+    if gap > _MOST_MISSING * path.step_s:
+        return f"{round(gap / path.step_s) - 1} frames are missing at it"
     fit, times, misfits = found
     free_s = guess_s - fit.path.t_s[0] if kind is EventKind.CONTACT else fit.path.t_s[-1] - guess_s
     if free_s < max(_FREE_S, (_LEAST_SIDE + 1) * path.step_s):
@@ -174,6 +179,16 @@ def _fitted(
 def _gap_at(t_s: FloatArray, at_s: float) -> float:
     k = int(np.searchsorted(t_s, at_s))
     return float(t_s[min(k, len(t_s) - 1)] - t_s[max(k - 1, 0)])
+
+
+def _gap_beside(path: Path, kind: EventKind, guess_s: float) -> float:
+    """How long before the wrist was first seen on the rim, or after it was last seen there, nothing was measured, s:
+    the instant is then in that gap, wherever the fit would have it."""
+    if kind is EventKind.CONTACT:
+        k = int(np.searchsorted(path.t_s, guess_s - EARLY_S - path.step_s / 2))
+    else:
+        k = int(np.searchsorted(path.t_s, guess_s + LATE_S + path.step_s / 2))
+    return float(path.t_s[k] - path.t_s[k - 1]) if 0 < k < len(path.t_s) else 0.0
 
 
 def _covariance(path: Path) -> FloatArray:

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from spheremcap.analysis.curves import ArmCurves
-from spheremcap.analysis.events import Instant, Path, instant, shake_of
+from spheremcap.analysis.events import EARLY_S, LATE_S, Instant, Path, instant, shake_of
 from spheremcap.analysis.rim import AboutAxle, Wheel, about_axle
 from spheremcap.analysis.smoother import JointTrack
 from spheremcap.core.stroke import EventKind, Stroke, StrokeEvent
@@ -35,8 +35,6 @@ _EXTENT_S = 0.15
 """How far beyond what was first seen of a push it may go on."""
 _OFF_M = 0.006, 1.0, 0.02
 """How far a push's radius, its arc and its distance from the camera may be off, as far as is known before."""
-_EARLY_S, _LATE_S = 0.004, 0.012
-"""How much earlier than a contact and later than a release that is seen, for a hand comes and goes slowly."""
 _STRAYS_M, _AWAY = (0.003, 0.002), 9.0
 """How far in and out a wrist rolls and along the rim it creeps within a push, and how many standard deviations,
 squared, off its way it has left the rim: on three frames in a row."""
@@ -271,7 +269,7 @@ def _guesses(t_s: FloatArray, pushes: list[tuple[int, int]], k: int) -> tuple[_G
     before = float(t_s[pushes[k - 1][1]]) if k > 0 else -np.inf
     after = float(t_s[pushes[k + 1][0]]) if k + 1 < len(pushes) else np.inf
     middle = (first + last) / 2
-    return (EventKind.CONTACT, first + _EARLY_S, before, middle), (EventKind.RELEASE, last - _LATE_S, middle, after)
+    return (EventKind.CONTACT, first + EARLY_S, before, middle), (EventKind.RELEASE, last - LATE_S, middle, after)
 
 
 def _event(hand: Hand, kind: EventKind, stroke: int, found: Instant, radius_m: float) -> StrokeEvent:
