@@ -64,7 +64,9 @@ def push_circle(
         if refined is None or not low < refined[2] < high or path.travel(*refined)[0] < 0.8 * travel:
             break
         best = refined
-    travel, on, pushes = path.travel(*best)
+    _, on, pushes = path.travel(*best)
+    if pushes == 0:
+        return None
     index = np.flatnonzero(on)
     index = index[:: max(1, len(index) // _KEPT)]
     counts = np.sqrt(min(1.0, _SAYS * pushes / len(index)))
