@@ -182,7 +182,7 @@ class _Fit:
             far = 2 * (self.known.rim_radius_m or 0.2) / max(float(high), 0.02)
             middle = self._rays[axle[0]] if axle else rays.mean(axis=0)
             places.append(np.array([0.0, sign * half, 0.0]) - rotation @ (far * middle / np.linalg.norm(middle)))
-        return np.mean(places, axis=0) if places else np.array([1.0, 0.0, 0.4])
+        return np.mean(places, axis=0) if places else np.array([1.0 if _looks_back(self.known) else -1.0, 0.0, 0.4])
 
     def _click_weights(self, x: FloatArray) -> FloatArray:
         """What a pixel of a click is worth at its residual, (clicks,): 1 / sd."""
