@@ -38,9 +38,9 @@ def messages_of(found: Findings, optical_frame: str, transforms: str) -> Iterato
         streams.append(_arm(found, side, arm, frame_id))
     if found.trunk is not None:
         streams.append(_trunk(found, frame_id))
-    for side, hand in found.hands.items():
-        streams.append((e.stamp_ns, f"{ROOT}/{side}/events", event_message(e)) for e in hand.events)
-        streams.append((s.stamp_ns, f"{ROOT}/{side}/strokes", stroke_message(s)) for s in hand.strokes)
+    for hand in found.hands.values():
+        streams.append((e.stamp_ns, f"{ROOT}/{e.side}/events", event_message(e)) for e in hand.events)
+        streams.append((s.stamp_ns, f"{ROOT}/{s.side}/strokes", stroke_message(s)) for s in hand.strokes)
     return heapq.merge(*streams, key=lambda stamped: stamped[0])
 
 
