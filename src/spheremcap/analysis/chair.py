@@ -136,7 +136,8 @@ class _Fit:
         found = least_squares(self._residuals, start, x_scale="jac")
         self._weights = self._click_weights(found.x)
         found = least_squares(self._residuals, found.x, x_scale="jac")
-        dof = max(1, len(found.fun) - len(found.x))
+        alike = sum(2 * (len(circle.xyz_cam_m) - circle.counts) for circle in self.known.circles.values())
+        dof = max(1.0, len(found.fun) - alike - len(found.x))
         misfit = float(np.sqrt(found.fun @ found.fun / dof))
         covariance = np.linalg.inv(found.jac.T @ found.jac) * max(1.0, misfit) ** 2
         rotation, xyz, half = self._parts(found.x)

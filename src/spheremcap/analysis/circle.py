@@ -36,6 +36,11 @@ class PushCircle:
     weight_per_m: float
     plane_weight_per_m: float
 
+    @property
+    def counts(self) -> float:
+        """As how many positions they count."""
+        return len(self.xyz_cam_m) * (self.weight_per_m * _ROLL_M) ** 2
+
 
 def push_circle(
     t_s: FloatArray, xyz_cam_m: FloatArray, velocity_cam_mps: FloatArray, plane: FloatArray,
