@@ -69,14 +69,20 @@ class AnalysisSettings(StageConfig):
         for joint in markers:
             if joint not in known:
                 raise ValueError(f"{joint!r} is no joint; expected one of {', '.join(known)}")
+        for marker in markers.values():
+            joints = [joint for joint, other in markers.items() if other == marker]
+            if len(joints) > 1:
+                raise ValueError(f"{marker!r} cannot be {' and '.join(joints)}")
         return markers
 
     def marker_of(self, side: str, joint: str, names: tuple[str, ...]) -> str | None:
-        """The marker that is a joint: the one given, else the only one whose name has side and joint in it."""
+        """The marker that is a joint: the one given, else the only one whose name has side and joint in it and which is
+        no other joint."""
         given = self.markers.get(f"{side}_{joint}")
         if given is not None:
             return given if given in names else None
-        found = [name for name in names if joint in name.lower() and side in name.lower()]
+        free = [name for name in names if name not in self.markers.values()]
+        found = [name for name in free if joint in name.lower() and side in name.lower()]
         return found[0] if len(found) == 1 else None
 
 
