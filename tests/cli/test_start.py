@@ -33,7 +33,17 @@ def imported(*arguments: object) -> set[str]:
     return {line.rpartition("|")[2].strip() for line in lines}
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["track", "--help"], ["tune", "hough", "--help"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--help"],
+        ["--version"],
+        ["track", "--help"],
+        ["tune", "hough", "--help"],
+        ["analyse", "--help"],
+        ["calibrate", "--help"],
+    ],
+)
 def test_help_imports_no_numbers(arguments):
     found = imported(*arguments)
     assert "typer" in found

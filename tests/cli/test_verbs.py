@@ -10,7 +10,7 @@ from spheremcap.config import load_settings
 
 VERBS = (
     "annotate", "calibrate", "track", "retrack", "merge", "sync", "info", "layout", "export", "render", "plot",
-    "recover", "view", "live",
+    "analyse", "recover", "view", "live",
     "evaluate", "experiment", "synth", "tune", "config",
 )  # fmt: skip
 

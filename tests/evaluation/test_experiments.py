@@ -197,3 +197,14 @@ def test_what_is_proposed_without_a_seed_is_held_against_the_truth(lab: Lab) -> 
     assert float(values["least score of a marker"]) > 0.2
     assert total[:4] == ["all", "1", "1", "1 of 1"]
     assert total[4] == values["false"]
+
+
+def test_strokes_are_scored_on_whatever_was_found(lab: Lab, tmp_path: Path) -> None:
+    """A quarter of a second has hardly an event in it: the tables are there all the same."""
+    result = run_experiment("strokes", Lab(tmp_path, quick=True, only=("strokes",), tell=lambda line: None))
+    events, _, arms = result.tables
+    heading, *rows = events.cells
+    assert all(len(row) == len(heading) for row in rows)
+    assert {row[heading.index("event")] for row in rows} == {"contact", "release"}
+    assert [row[0] for row in arms.cells[1:]] == ["strokes"]
+    assert "NaN" not in str(arms.cells)
