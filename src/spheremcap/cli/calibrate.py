@@ -63,7 +63,7 @@ def calibrate(
     loaded()
     if output is None:
         raise UsageError("give the file to write with -o")
-    if board is None and source is not None and not print_:
+    if board is None and source is not None and not print_ and ".mcap" in source.name.lower():
         _from_limbs(source, output, settings, overwrite)
         return
     if board is None:
