@@ -5,9 +5,9 @@ import pytest
 from session_data import COVARIANCE_M2, NAMES, stamp, write_session
 
 from spheremcap.core.estimate import Status
+from spheremcap.io import recording
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.poses import Poses, read_poses, without_focal
-from spheremcap.io import recording
 
 GAPS = {NAMES[0]: {4: Status.ESTIMATED, 5: Status.LOST, 6: Status.OUT_OF_VIEW, 9: Status.SEEDED}}
 
