@@ -28,6 +28,7 @@ class Simulated:
     motion: Motion
     t_s: np.ndarray
     seed: int = 0
+    along_m: float = ALONG_M
 
     @property
     def frame_s(self) -> float:
@@ -41,7 +42,7 @@ class Simulated:
         """As measured, in the camera's frame."""
         rng = np.random.default_rng([self.seed, side == "left", *joint.encode()])
         xyz = MOUNT.to_camera(self.true(side, joint))
-        xyz, covariance = measured(xyz, rng)
+        xyz, covariance = measured(xyz, rng, self.along_m)
         if gap is not None:
             xyz[gap] = np.nan
         packed = covariance.reshape(-1, 9)[:, _UPPER]
@@ -79,12 +80,14 @@ def simulated(
     return Simulated(made, np.arange(round(seconds * rate_hz)) / rate_hz, seed)
 
 
-def measured(xyz_cam_m: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def measured(
+    xyz_cam_m: np.ndarray, rng: np.random.Generator, along_m: float = ALONG_M
+) -> tuple[np.ndarray, np.ndarray]:
     """Positions (N, 3) with noise, and its covariances (N, 3, 3)."""
     ray = xyz_cam_m / np.linalg.norm(xyz_cam_m, axis=1)[:, None]
     noise = ACROSS_M * rng.standard_normal(xyz_cam_m.shape)
-    noise += ray * np.sqrt(ALONG_M**2 - ACROSS_M**2) * rng.standard_normal((len(ray), 1))
-    covariance = ACROSS_M**2 * np.eye(3) + (ALONG_M**2 - ACROSS_M**2) * ray[:, :, None] * ray[:, None, :]
+    noise += ray * np.sqrt(along_m**2 - ACROSS_M**2) * rng.standard_normal((len(ray), 1))
+    covariance = ACROSS_M**2 * np.eye(3) + (along_m**2 - ACROSS_M**2) * ray[:, :, None] * ray[:, None, :]
     return xyz_cam_m + noise, covariance
 
 

@@ -108,6 +108,7 @@ def test_how_far_the_camera_shakes_is_told_by_how_badly_the_fits_fit():
     quiet, shaken = path(CONTACT), path(CONTACT, shake_m=0.0009)
     assert shake_of(quiet, guesses) == 0
     assert shake_of(shaken, guesses) > 0
+    assert shake_of(path(CONTACT, noise_m=0.0001, shake_m=0.0003), guesses) in (0.0002, 0.0004)
     said = replace(shaken, shake_m=shake_of(shaken, guesses))
     assert instant(said, CONTACT, AT_S, 0.0, 0.3).sd_s > instant(quiet, CONTACT, AT_S, 0.0, 0.3).sd_s
 

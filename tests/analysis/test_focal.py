@@ -48,6 +48,15 @@ def test_a_wrong_focal_length_is_found(made, factor):
     assert focal.turned_deg > 20
 
 
+def test_noise_in_depth_does_not_make_it_shorter():
+    """Five times the usual noise lengthens what points in depth: the factor would be 1.4 % too small."""
+    noisy = replace(simulated(seconds=8.0, rate_hz=120.0, seed=1), along_m=0.015)
+    focal = focal_of(pairs(noisy, 1.0), CAMERA)
+    assert not focal.refused
+    assert focal.factor == pytest.approx(1.0, abs=0.006)
+    assert abs(focal.factor - 1) < 3 * focal.sd
+
+
 def test_a_part_that_hardly_turns_in_depth_is_refused(made):
     rng = np.random.default_rng(0)
     one, other = (np.array([x, 0.05, 1.2]) + 0.0005 * rng.standard_normal((len(made.t_s), 3)) for x in (-0.1, 0.19))

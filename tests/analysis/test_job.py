@@ -172,6 +172,15 @@ def test_a_table_that_is_there_already_is_not_replaced(recording, tmp_path):
     assert (tmp_path / "a.events.csv").read_text() == "mine"
 
 
+def test_what_the_focal_length_is_unsure_of_is_no_noise_of_each_frame(made, report, tmp_path):
+    """Frames scatter as they do with a camera that is known well; the rest is one error of all."""
+    unsure = write_strokes(tmp_path / "r.mcap", made, WRISTS, camera=replace(CAMERA, focal_sd=0.03))
+    found = analysed(unsure, tmp_path / "a.mcap").findings
+    for side, arm in found.arms.items():
+        usual = np.nanmedian(report.findings.arms[side].packed[:, [0, 3, 5]], axis=0)
+        np.testing.assert_allclose(np.nanmedian(arm.packed[:, [0, 3, 5]], axis=0), usual, rtol=0.2)
+
+
 # -- what is missing is named ------------------------------------------------------------------------
 
 

@@ -8,7 +8,7 @@ import pytest
 from simulated import START_NS, simulated, told, truth
 
 from spheremcap.analysis.rim import AboutAxle
-from spheremcap.analysis.strokes import _pattern, strokes_of
+from spheremcap.analysis.strokes import _pattern, _rim_rate, strokes_of
 from spheremcap.core.stroke import EventKind
 from spheremcap.synth.strokes import Manner
 
@@ -104,6 +104,20 @@ def test_a_braking_is_no_stroke():
                 own = told(made, strokes, kind)
                 errors_ms(made, strokes, side, kind)
                 assert not ((own > start_s) & (own < start_s + 0.8)).any()
+
+
+def test_a_stretch_that_is_no_push_does_not_tell_the_rims_rate(plain):
+    hand = plain.hand("left")
+    angle = np.where(plain.t_s < 3, 20 * plain.t_s, 60 + 15 * (plain.t_s - 3))
+    rate = np.gradient(angle, plain.t_s)
+    about = AboutAxle(0.2 + 0 * angle, angle, 0 * angle, np.zeros((len(angle), 2, 2)))
+    pushes, short = [(100, 132), (230, 262), (360, 392), (1000, 1036), (1130, 1166)], [(140, 147), (270, 277)]
+    for first, last in short:
+        rate[first : last + 1] = 8.0
+    turning = _rim_rate(hand, about, rate, sorted([*pushes, *short]))
+    for first, last in pushes:  # and it is one rate over each push
+        np.testing.assert_allclose(turning[first : last + 1], rate[first], rtol=1e-6)
+    assert 15 < turning[700] < 20
 
 
 def test_a_hand_that_begins_on_the_rim_has_no_contact_and_one_that_ends_there_no_release(plain):
