@@ -12,7 +12,7 @@ they, in their present form. From 101 on they are of chain, status, checks, sess
 follower, from 181 on of what edges, outline and filter make of what they know beforehand, from 211 on of shading,
 softness, exposure and returns, from 231 on of size, what is hidden, what is elsewhere and pixels, from 301 on of merge,
 from 401 on of output files and of how runs end, from 501 on of what comes from outside, from 601 on of what a person's
-answers change, from 701 on of snap and of markers that nobody seeded.
+answers change, from 701 on of snap and of markers that nobody seeded, from 764 on of analysis.
 """
 
 import argparse
@@ -64,6 +64,9 @@ SPHERE, KALMAN = "tests/positioning/test_sphere.py", "tests/positioning/test_kal
 COURSE, INDEX = "tests/io/test_course.py", "tests/io/test_message_index.py"
 STRETCH, RETRACK = "tests/test_stretch.py", "tests/corrections/test_retrack.py"
 ATTENDED = "tests/corrections/test_attended.py"
+SMOOTHER, CHAIR = "tests/analysis/test_smoother.py", "tests/analysis/test_chair_frame.py"
+EVENTS, STROKES = "tests/analysis/test_events.py", "tests/analysis/test_hand_strokes.py"
+ANALYSIS = "tests/analysis/test_job.py"
 
 PLACEMENT = "tests/merging/test_placement.py"
 TIMES = "tests/merging/test_times.py"
@@ -1530,6 +1533,96 @@ FAULTS = (
         763, "the frame that a marker was last seen on is its first", "chain.py",
         "stages.reacquired.seen(frame, circle)", "stages.reacquired._seen or stages.reacquired.seen(frame, circle)",
         (DECISIONS,),
+    ),
+    # -- analysis
+    Fault(
+        764, "smoother: the jerk does not reach the position", "analysis/smoother.py",
+        "        x[k] += dt * x[3 + k] + d2 * x[6 + k] + d3 * x[9 + k]",
+        "        x[k] += dt * x[3 + k] + d2 * x[6 + k]",
+        (SMOOTHER,),
+    ),
+    Fault(
+        765, "smoother: the motion is that of when the marker was seen", "analysis/smoother.py",
+        "        d = moved[n]\n",
+        "        d = 0.0\n",
+        (SMOOTHER,),
+    ),
+    Fault(
+        766, "smoother: noise that was learnt is not used", "analysis/smoother.py",
+        "_smooth(t, xyz, whiten / self.noise, seen",
+        "_smooth(t, xyz, whiten, seen",
+        (SMOOTHER,),
+    ),
+    Fault(
+        767, "rim: the top leans outward", "analysis/rim.py",
+        "[0.0, -sign * sin, cos], [0.0, sign * cos, sin]",
+        "[0.0, sign * sin, cos], [0.0, sign * cos, -sin]",
+        ("tests/analysis/test_rim.py",),
+    ),
+    Fault(
+        768, "events: a gap beside the rim hides nothing", "analysis/events.py",
+        "    gap = _gap_beside(path, kind, guess_s)\n", "    gap = 0.0\n",
+        (EVENTS, STROKES,),
+    ),
+    Fault(
+        769, "events: release lets the velocity jump", "analysis/events.py",
+        "            held = tau\n            first, off = [], [(air**2, 0.0)",
+        "            held = held\n            first, off = [(free, 0.0)], [(air**2, 0.0)",
+        (EVENTS, STROKES,),
+    ),
+    Fault(
+        770, "events: the wheel has no say", "analysis/events.py",
+        "turned = path.turned_rad * path.push_radius_m",
+        "turned = 0.0 * path.turned_rad",
+        (EVENTS, STROKES,),
+    ),
+    Fault(
+        771, "strokes: short stretches tell the rim's rate", "analysis/strokes.py",
+        "if way > _TELLS * float(np.median(far))]",
+        "if way > 0]",
+        (STROKES,),
+    ),
+    Fault(
+        772, "strokes: the rim's rate changes within a push", "analysis/strokes.py",
+        "np.array([-_EXTENT_S, _EXTENT_S]) / 4",
+        "np.array([1.0, -1.0]) * 1e-3 + np.diff(hand.t_s[np.array(whole)]) * [0.49, -0.49]",
+        (STROKES,),
+    ),
+    Fault(
+        773, "strokes: where the axle is unsure no angle is", "analysis/strokes.py",
+        " + (self.hub_sd_m / radius_m) ** 2",
+        "",
+        (STROKES,),
+    ),
+    Fault(
+        774, "chair: positions that err alike count each", "analysis/chair.py",
+        "len(found.fun) - alike - len(found.x)",
+        "len(found.fun) - len(found.x)",
+        (CHAIR, ANALYSIS,),
+    ),
+    Fault(
+        775, "chair: upright whatever", "analysis/chair.py",
+        "bool(np.degrees(np.sqrt(covariance[1, 1])) < _UPRIGHT_DEG)",
+        "True",
+        (CHAIR, ANALYSIS,),
+    ),
+    Fault(
+        776, "focal: noise is not taken out", "analysis/focal.py",
+        "return 2 * plain - float(np.mean(noisier))",
+        "return plain",
+        ("tests/analysis/test_focal.py",),
+    ),
+    Fault(
+        777, "messages: events on the last hand's topic", "analysis/messages.py",
+        'f"{ROOT}/{e.side}/events"',
+        'f"{ROOT}/right/events"',
+        (ANALYSIS,),
+    ),
+    Fault(
+        778, "findings: the focal length's error counts on each frame", "analysis/findings.py",
+        "without_focal(poses, 0.0 if camera is None else camera.focal_sd)",
+        "without_focal(poses, 0.0)",
+        (ANALYSIS,),
     ),
 )  # fmt: skip
 

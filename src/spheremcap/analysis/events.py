@@ -199,6 +199,16 @@ def _gap_beside(path: Path, kind: EventKind, guess_s: float) -> float:
     return float(path.t_s[k] - path.t_s[k - 1]) if 0 < k < len(path.t_s) else 0.0
 
 
+def _gap_beside(path: Path, kind: EventKind, guess_s: float) -> float:
+    """How long before the wrist was first seen on the rim, or after it was last seen there, nothing was measured, s:
+    the instant is then in that gap, wherever the fit would have it."""
+    if kind is EventKind.CONTACT:
+        k = int(np.searchsorted(path.t_s, guess_s - EARLY_S - path.step_s / 2))
+    else:
+        k = int(np.searchsorted(path.t_s, guess_s + LATE_S + path.step_s / 2))
+    return float(path.t_s[k] - path.t_s[k - 1]) if 0 < k < len(path.t_s) else 0.0
+
+
 def _covariance(path: Path) -> FloatArray:
     """Of all radii and arcs (2 N, 2 N), radius and arc of a position next to each other.
 
