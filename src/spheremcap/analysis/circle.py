@@ -72,8 +72,6 @@ def push_circle(
             break
         best = refined
     _, on, pushes = path.travel(*best)
-    if pushes == 0:
-        return None
     if pushes < _FEWEST:
         return None
     index = np.flatnonzero(on)

@@ -44,8 +44,6 @@ _SOFT_S = 0.003
 """How long a hand takes to be as fast as the rim it has met: flesh and glove give."""
 _FREE_RADIUS = 2
 """The column of the speed inward before contact."""
-_NEAR_S = 0.01
-"""So near to a gap an instant may as well lie in it."""
 _FREE_S = 0.04
 """How long a hand has to be seen off the rim."""
 _MODEL_S = 0.0008
@@ -116,9 +114,8 @@ def instant(path: Path, kind: EventKind, guess_s: float, earliest_s: float, late
     found = _fitted(path, kind, guess_s, earliest_s, latest_s)
     if found is None:
         return "too few positions were measured at it"
-    gap = _gap_beside(path, kind, guess_s)
-    if gap > _MOST_MISSING * path.step_s:
-        return f"{round(gap / path.step_s) - 1} frames are missing at it"
+    if (missing := _missing(path, kind, guess_s, guess_s)) is not None:
+        return missing
     fit, times, misfits = found
     sure = path.near(earliest_s, latest_s).t_s
     free_s = guess_s - sure[0] if kind is EventKind.CONTACT else sure[-1] - guess_s
@@ -126,25 +123,23 @@ def instant(path: Path, kind: EventKind, guess_s: float, earliest_s: float, late
         return f"the hand was not seen off the rim {'before' if kind is EventKind.CONTACT else 'after'} it"
     best = int(misfits.argmin())
     if best in (0, len(times) - 1):
-        return _unfitted(path.near(earliest_s, latest_s), kind, fit, guess_s)
+        return _unfitted(fit, guess_s)
     times = times[best] + np.arange(-9, 10) * _FINE_S
     misfits = fit.misfits(times)
-    best, near = int(misfits.argmin()), fit.path
+    best = int(misfits.argmin())
     scale = max(1.0, float(misfits[best]) / fit.freedom)
     sd_s = fit.spread(float(times[best]), scale)
     if sd_s is None:
-        return _unfitted(path.near(earliest_s, latest_s), kind, fit, guess_s)
-    if (missing := _missing_at(near, kind, float(times[best]))) is not None:
+        return _unfitted(fit, guess_s)
+    if (missing := _missing(path, kind, guess_s, float(times[best]))) is not None:
         return missing
     sd_s = float(np.hypot(sd_s, _MODEL_S))
     return Instant(float(times[best]), sd_s, *fit.there(float(times[best]), sd_s, scale), True, fit.by_wheel)
 
 
-def _unfitted(path: Path, kind: EventKind, fit: "_Fit", guess_s: float) -> Instant | str:
+def _unfitted(fit: "_Fit", guess_s: float) -> Instant:
     """The guess itself, as widely as it may be off, where the fit tells nothing."""
-    if (missing := _missing_at(path, kind, guess_s)) is not None:
-        return missing
-    sd_s = max(GUESS_SD_S, path.step_s)
+    sd_s = max(GUESS_SD_S, fit.path.step_s)
     return Instant(guess_s, sd_s, *fit.there(guess_s, sd_s, 1.0), False, fit.by_wheel)
 
 
@@ -177,36 +172,16 @@ def _fitted(
     return fit, times, fit.misfits(times)
 
 
-def _missing_at(path: Path, kind: EventKind, at_s: float) -> str | None:
-    """Which gap an instant may lie in: one at it, or just off the rim of it, where it would have been seen first."""
-    off_s = -_NEAR_S if kind is EventKind.CONTACT else _NEAR_S
-    low, high = sorted((at_s, at_s + off_s))
-    first = max(int(np.searchsorted(path.t_s, low)) - 1, 0)
-    last = min(int(np.searchsorted(path.t_s, high)) + 1, len(path.t_s))
-    gap = float(np.diff(path.t_s[first:last]).max(initial=0.0))
-    if gap <= _MOST_MISSING * path.step_s:
-        return None
-    return f"{round(gap / path.step_s) - 1} frames are missing at it"
-
-
-def _gap_beside(path: Path, kind: EventKind, guess_s: float) -> float:
-    """How long before the wrist was first seen on the rim, or after it was last seen there, nothing was measured, s:
-    the instant is then in that gap, wherever the fit would have it."""
-    if kind is EventKind.CONTACT:
-        k = int(np.searchsorted(path.t_s, guess_s - EARLY_S - path.step_s / 2))
-    else:
-        k = int(np.searchsorted(path.t_s, guess_s + LATE_S + path.step_s / 2))
-    return float(path.t_s[k] - path.t_s[k - 1]) if 0 < k < len(path.t_s) else 0.0
-
-
-def _gap_beside(path: Path, kind: EventKind, guess_s: float) -> float:
-    """How long before the wrist was first seen on the rim, or after it was last seen there, nothing was measured, s:
-    the instant is then in that gap, wherever the fit would have it."""
-    if kind is EventKind.CONTACT:
-        k = int(np.searchsorted(path.t_s, guess_s - EARLY_S - path.step_s / 2))
-    else:
-        k = int(np.searchsorted(path.t_s, guess_s + LATE_S + path.step_s / 2))
-    return float(path.t_s[k] - path.t_s[k - 1]) if 0 < k < len(path.t_s) else 0.0
+def _missing(path: Path, kind: EventKind, guess_s: float, at_s: float) -> str | None:
+    """Which gap an instant may lie in: the one it is in, or the one that is beside where the wrist was first seen on
+    the rim, or last: wherever the fit would have it."""
+    seen_s = guess_s - EARLY_S - path.step_s / 2 if kind is EventKind.CONTACT else guess_s + LATE_S + path.step_s / 2
+    for beside_s in (seen_s, at_s):
+        k = int(np.searchsorted(path.t_s, beside_s))
+        gap = float(path.t_s[k] - path.t_s[k - 1]) if 0 < k < len(path.t_s) else 0.0
+        if gap > _MOST_MISSING * path.step_s:
+            return f"{round(gap / path.step_s) - 1} frames are missing at it"
+    return None
 
 
 def _covariance(path: Path) -> FloatArray:

@@ -181,7 +181,8 @@ def _scored(name: str, *, sessions: Path, folder: Path) -> dict[str, _Scored]:
             continue
         found = api.analyse(recording, into / "analysed.mcap", settings, overwrite=True).findings
         events, missed, invented = _matched(found, truth)
-        scored[way] = _Scored(name, events, missed, invented, *_arms(found, trial), _focal(merged, into))
+        focal = _focal(merged, into) if way == _WAYS[0] and "@" not in name else None
+        scored[way] = _Scored(name, events, missed, invented, *_arms(found, trial), focal)
     return scored
 
 
