@@ -1561,7 +1561,7 @@ FAULTS = (
     ),
     Fault(
         768, "events: a gap beside the rim hides nothing", "analysis/events.py",
-        "    gap = _gap_beside(path, kind, guess_s)\n", "    gap = 0.0\n",
+        "for beside_s in (seen_s, at_s):", "for beside_s in (at_s,):",
         (EVENTS, STROKES,),
     ),
     Fault(
@@ -1614,8 +1614,8 @@ FAULTS = (
     ),
     Fault(
         777, "messages: events on the last hand's topic", "analysis/messages.py",
-        'f"{ROOT}/{e.side}/events"',
-        'f"{ROOT}/right/events"',
+        'f"{ROOT}/{side}/events", event_message',
+        'f"{ROOT}/right/events", event_message',
         (ANALYSIS,),
     ),
     Fault(
