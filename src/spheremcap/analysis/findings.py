@@ -35,13 +35,15 @@ _WHEEL_GAP_S = 0.1
 
 @dataclass(frozen=True)
 class Session:
-    """What of a recording an analysis is made of; it takes the poses out, once tracks are made of them. `readout_s` is
-    the rolling shutter's (None: nobody knows); `requests` counts the open ones by marker, `clocks` has what a merge
-    wrote of each input's clock."""
+    """What of a recording an analysis is made of; it takes poses and wheels out, once tracks are made of them.
+
+    `readout_s` is the rolling shutter's (None: nobody knows); `requests` counts the open ones by marker, `clocks` has
+    what a merge wrote of each input's clock.
+    """
 
     name: str
     poses: dict[str, Poses]
-    wheels: Mapping[str, Sensor]
+    wheels: dict[str, Sensor]
     camera: Camera | None
     readout_s: float | None
     requests: Mapping[str, int]
@@ -64,8 +66,8 @@ class MarkerQuality:
 
 @dataclass(frozen=True)
 class Findings:
-    """A session's analysis; the session is without its poses. `stamp_ns` (N,) are its frames; what could not be had is
-    named in `notes`."""
+    """A session's analysis; the session is without poses and wheels. `stamp_ns` (N,) are its frames; what could not be
+    had is named in `notes`."""
 
     session: Session
     stamp_ns: npt.NDArray[np.int64]
@@ -128,6 +130,7 @@ def findings_of(
         may_use[key] = _usable(track, fill_s)
     quality = tuple(_quality(session, joints, smoothers))
     session.poses.clear()  # half an hour of them is a hundred megabytes, and the tracks have them
+    session.wheels.clear()
     curves, trunk = curves_of(smoothers, may_use, chair=chair is not None and chair.upright)
     hands = {}
     for side, arm in curves.items():

@@ -41,6 +41,7 @@ _OFF_M = 0.006, 1.0, 0.02
 _STRAYS_M, _AWAY = (0.003, 0.002), 9.0
 """How far in and out a wrist rolls and along the rim it creeps within a push, and how many standard deviations,
 squared, off its way it has left the rim: on three frames in a row."""
+_BLOCK = 65536
 _RECOVERY_END = 0.1
 _PATTERN_M = 0.025
 """How far from the push's circle a recovery has to go to be above or below it."""
@@ -112,7 +113,8 @@ def strokes_of(hand: Hand, rim_radius_m: float | None) -> HandStrokes:
     pushes = _pushes(hand, about, near & _along(rate, turning, unsure))
     turned = np.concatenate([[0.0], np.cumsum((turning[1:] + turning[:-1]) / 2 * np.diff(hand.t_s))])
     pushes = _whole(hand.t_s, about, pushes, radius, turned)
-    seen = np.isfinite(about.radius_m)
+    there = np.isfinite(about.radius_m)
+    seen = slice(None) if there.all() else there  # half an hour of them is not copied without need
     path = Path(
         hand.t_s[seen], about.radius_m[seen], about.angle_rad[seen] * radius, about.covariance[seen], noise,
         turned[seen], by_wheel[seen], radius, hand.frame_s,
@@ -137,14 +139,19 @@ def _going(hand: Hand, about: AboutAxle) -> tuple[FloatArray, BoolArray, FloatAr
     """How fast the wrist goes round its axle, rad/s (N,), where it surely goes in or out (N,), and how unsure that rate
     is (N,), from the smoothed motion; NaN and False where there is none. What errs in a marker's distance does so
     slowly, and looks like a motion."""
-    u, v, _ = hand.wheel.axes @ (hand.curves.xyz_m - hand.wheel.hub_m).T
-    du, dv, _ = hand.wheel.axes @ hand.curves.velocity_mps.T.astype(np.float64)
-    far = np.hypot(u, v)
-    slow = np.sqrt(np.diagonal(about.covariance, axis1=1, axis2=2)) / _SLOW_S
-    slow = np.minimum(np.nan_to_num(slow), _LEAVES_MPS)
-    with np.errstate(invalid="ignore"):
-        leaving = np.abs((u * du + v * dv) / far) > _LEAVES_MPS + slow[:, 0]
-        return (v * du - u * dv) / far**2, leaving, slow[:, 1] / far
+    count = len(hand.t_s)
+    rate, leaving, unsure = np.empty(count), np.empty(count, np.bool_), np.empty(count)
+    for start in range(0, count, _BLOCK):
+        part = slice(start, start + _BLOCK)
+        u, v, _ = hand.wheel.axes @ (hand.curves.xyz_m[part] - hand.wheel.hub_m).T
+        du, dv, _ = hand.wheel.axes @ hand.curves.velocity_mps[part].T.astype(np.float64)
+        far = np.hypot(u, v)
+        slow = np.sqrt(np.diagonal(about.covariance[part], axis1=1, axis2=2)) / _SLOW_S
+        slow = np.minimum(np.nan_to_num(slow), _LEAVES_MPS)
+        with np.errstate(invalid="ignore"):
+            rate[part], unsure[part] = (v * du - u * dv) / far**2, slow[:, 1] / far
+            leaving[part] = np.abs((u * du + v * dv) / far) > _LEAVES_MPS + slow[:, 0]
+    return rate, leaving, unsure
 
 
 def _along(rate: FloatArray, turning: FloatArray | None, unsure: FloatArray) -> BoolArray:
