@@ -83,11 +83,14 @@ class Instant:
 
 @dataclass(frozen=True)
 class Path:
-    """What the instants are found in: times (N,) in s, radius (N,) and arc (N,) in m of the measured positions with
-    covariances (N, 2, 2), and how far the wheel has turned (N,) in rad, as a sensor measured it where
-    it is `by_wheel` (N,), elsewhere as the hand's own pushes have it. `white` is the
-    share of the standard deviations that differs from frame to frame; the rest goes slowly. `push_radius_m` is the
-    radius on which arcs are counted, `step_s` from frame to frame, `shake_m` how far the camera shakes."""
+    """What the instants are found in: the way of a hand about the axle, beside that of the wheel.
+
+    Times (N,) in s, radius (N,) and arc (N,) in m of the measured positions with covariances (N, 2, 2), and how far the
+    wheel has turned (N,) in rad, as a sensor measured it where it is `by_wheel` (N,), elsewhere as the hand's own
+    pushes have it. `white` is the share of the standard deviations that differs from frame to frame; the rest goes
+    slowly. `push_radius_m` is the radius on which arcs are counted, `step_s` from frame to frame, `shake_m` how far the
+    camera shakes.
+    """
 
     t_s: FloatArray
     radius_m: FloatArray

@@ -12,7 +12,7 @@ from spheremcap.analysis.circle import PushCircle, push_circle
 from spheremcap.analysis.curves import ArmCurves, SegmentLength, TrunkCurves, curves_of, segment_length
 from spheremcap.analysis.rim import Wheel
 from spheremcap.analysis.settings import JOINTS, SIDES, AnalysisSettings
-from spheremcap.analysis.smoother import JointTrack, Smoother
+from spheremcap.analysis.smoother import JointTrack, Smoother, unpacked
 from spheremcap.analysis.strokes import Hand, HandStrokes, strokes_of
 from spheremcap.core.camera import Camera
 from spheremcap.core.chair import ChairClick
@@ -222,8 +222,7 @@ def _chair(
             notes.append(f"{point.marker} is to be on the chair, but has no position in the recording")
             continue
         xyz = np.median(poses.xyz_cam_m[poses.measured], axis=0).astype(np.float64)
-        packed = np.median(poses.covariance_m2[poses.measured], axis=0).astype(np.float64)
-        covariance = packed[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3)
+        (covariance,) = unpacked(np.median(poses.covariance_m2[poses.measured], axis=0, keepdims=True))
         points.append((xyz, covariance, point.xyz_chair_m, point.sd_m))
     down = None if chair.camera_down_deg is None else np.radians([chair.camera_down_deg, chair.camera_down_sd_deg])
     known = Known(

@@ -9,13 +9,6 @@ from dataclasses import dataclass
 from enum import Enum
 
 
-class Side(Enum):
-    """Of the athlete."""
-
-    LEFT = "left"
-    RIGHT = "right"
-
-
 class EventKind(Enum):
     """What a hand does with the rim."""
 
