@@ -231,7 +231,8 @@ def checked(job: Job, folder: Path, ending: Ending, killed: bool) -> str:
         assert killed or ending.code in (0, 1, 3), ending
         return "whole"
     assert content == OLD, f"{job.name}: the old output is gone"
-    if not killed:
+    starting = ending.code < 0 and not (ending.said or ending.reached_ns or parts)  # Python itself, on a busy machine
+    if not killed and not starting:
         assert ending.code == 1, ending
         assert ending.said.count("\n") >= 1, ending
     half_s = ending.reached_ns // _HALF_NS

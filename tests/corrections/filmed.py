@@ -5,13 +5,15 @@ from functools import cache
 
 import numpy as np
 
-from scenes import CAMERA, GREEN, ORANGE, Cover, ball_at, picture, truth
+from scenes import BLUE, CAMERA, GREEN, ORANGE, Cover, ball_at, picture, truth
 from spheremcap.config import CameraSettings, MarkerSettings, Settings
 from spheremcap.core.marker import Hidden, Keep, Seed
 from spheremcap.io.encode import write_video
 
 COUNT, RATE_HZ = 180, 120
 BEHIND = Cover(120, 20, 190, 130)
+PASSING = Cover(25, 180, 95, 230)
+"""Before the rival for a few frames."""
 
 
 def wrist(i):
@@ -25,11 +27,17 @@ def elbow(i):
 
 
 def knee(i):
-    return ball_at(60 + 20 * float(np.sin(i / 12)), 185, 12, rgb=ORANGE)
+    return ball_at(60 + 20 * float(np.sin(i / 12)), 150, 12, rgb=BLUE)
 
 
 def decoy(i):
-    return ball_at(60, 30 + 8 * float(np.cos(i / 15)), 12, rgb=ORANGE)
+    return ball_at(60, 30 + 8 * float(np.cos(i / 15)), 12, rgb=BLUE)
+
+
+def rival(i):
+    """What is taken for the wrist while that is hidden: it looks the same, and is the only one that does. It is hidden
+    a little later itself, so that the wrist is lost once more, and asked for."""
+    return ball_at(60 + 20 * float(np.sin(i / 12)), 205, 12, rgb=ORANGE)
 
 
 BALLS = {"wrist": wrist, "elbow": elbow, "knee": knee, "decoy": decoy}
@@ -44,7 +52,8 @@ SETTINGS = Settings(
 
 @cache
 def image(i):
-    return picture(wrist(i), elbow(i), knee(i), decoy(i), covers=[BEHIND], noise_seed=i)
+    covers = [BEHIND, PASSING] if 37 <= i < 43 else [BEHIND]
+    return picture(wrist(i), elbow(i), knee(i), decoy(i), rival(i), covers=covers, noise_seed=i)
 
 
 def covered(i):
