@@ -575,7 +575,7 @@ FAULTS = (
     ),
     Fault(
         257, "api: the stream's word is doubted", "api.py",
-        "source.pixel_aspect != 1 or not isinstance", "not isinstance", ("tests/test_api.py",),
+        "source.pixel_aspect != 1 or not a_video", "not a_video", ("tests/test_api.py",),
     ),
     Fault(
         258, "chain: a seed on nothing is a seed", "chain.py",

@@ -40,6 +40,7 @@ from spheremcap.found import Found, assign
 from spheremcap.io import overlays
 from spheremcap.io.ahead import ahead, in_order
 from spheremcap.io.calibration import read_camera_info
+from spheremcap.io.chapters import Chapters
 from spheremcap.io.encode import H264Encoder, jpeg_encode
 from spheremcap.io.folder import PictureFolder
 from spheremcap.io.join import Join
@@ -165,11 +166,12 @@ def aspect_of(source: FrameSource, answers: Sequence[Answer]) -> tuple[float, st
     that is among the first `_AHEAD` frames and plainly that of an ellipse. Without seeds the video alone is asked."""
     seeds = (answer for answer in answers if isinstance(answer, Seed))
     first = min(seeds, key=lambda seed: seed.frame_index, default=None)
-    if first is None or first.frame_index > _AHEAD or source.pixel_aspect != 1 or not isinstance(source, VideoSource):
+    a_video = isinstance(source, VideoSource | Chapters)
+    if first is None or first.frame_index > _AHEAD or source.pixel_aspect != 1 or not a_video:
         return source.pixel_aspect, "as the video says"
     # Its frames can be gone through only once.
-    with VideoSource(source.path, packets=False) as again:
-        for frame in again.frames():
+    with open_input(source.path, packets=False) as again:
+        for frame in again.views[0].source.frames():
             if frame.index == first.frame_index:
                 return pixel_aspect(frame, first.circle), (
                     f"by the outline of {first.marker}'s seed, as the video does not say: "

@@ -10,8 +10,9 @@ from spheremcap.config import load_seeds
 from spheremcap.core.circle import Circle
 from spheremcap.core.marker import Hidden, Keep, Seed
 from spheremcap.errors import OutputError, SettingsError, UsageError
+from spheremcap.io.output import write_durably
 from spheremcap.operator import answers as room
-from spheremcap.operator.answers import AnswerFile, write_durably
+from spheremcap.operator.answers import AnswerFile
 
 FIRST = Seed("wrist", 0, Circle(10, 20, 5))
 LATER = Seed("wrist", 40, Circle(11, 21, 5), "ada", "2026-01-02T03:04:05Z")

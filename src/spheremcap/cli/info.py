@@ -107,6 +107,8 @@ def _video(video: "VideoSummary") -> list[str]:
         + (f", pixels {video.pixel_aspect:.4g} times as wide as high" if video.pixel_aspect != 1 else ""),
         _START[video.start_time_source].format(format_time(video.start_time_ns)),
     ]
+    if video.chapters:
+        lines.insert(1, f"{len(video.chapters)} files: {', '.join(file.name for file in video.chapters)}")
     if video.duration_s is not None:
         lines.append(f"first to last picture: {video.duration_s:.6f} s")
     if video.passthrough_reason is None:

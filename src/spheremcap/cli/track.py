@@ -37,7 +37,11 @@ _NO_TIME = "is neither ISO 8601 such as 2025-06-01T10:00:00Z nor Unix seconds"
 
 def track(
     source: Annotated[
-        Path, typer.Argument(help="Session video: anything FFmpeg reads; a folder of pictures; an MCAP with pictures.")
+        Path,
+        typer.Argument(
+            help="Session video: anything FFmpeg reads; a list of several (.ffconcat); a folder of pictures; an MCAP "
+            "with pictures."
+        ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="The MCAP to write.")],
     settings: Annotated[

@@ -9,10 +9,11 @@ LARGEST_RELATIVE_NS = 10**17
 """What is told as a time counts from some start below this, about three years, and from 1970 above it."""
 
 
-def ticks_to_ns(ticks: int, time_base: Fraction) -> int:
+def ticks_to_ns(ticks: int | Fraction, time_base: Fraction) -> int:
     """Convert container ticks to nanoseconds, rounded half up from the exact rational.
 
-    `ticks` counts units of `time_base` seconds (a PTS of an FFmpeg stream); the result may be negative.
+    `ticks` counts units of `time_base` seconds (a PTS of an FFmpeg stream, whole unless it is counted from elsewhere);
+    the result may be negative.
     """
     numerator = ticks * time_base.numerator * NS_PER_S
     denominator = time_base.denominator

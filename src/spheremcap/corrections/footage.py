@@ -16,7 +16,7 @@ from spheremcap.errors import SourceError, UsageError
 from spheremcap.io.mcap_images import TimeBase
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.pictures import Pictures, open_pictures, recorded_pictures
-from spheremcap.io.sources import fingerprint
+from spheremcap.io.sources import files_of, fingerprint
 
 _HELD_PICTURES, _HELD_BYTES = 24, 24 << 20
 """Decoded pictures that are kept, for going backwards: so many, or as many as that takes: 17 of 1280x720."""
@@ -127,8 +127,8 @@ def _fits(path: Path, facts: Mapping[str, str]) -> bool:
     try:
         if path.is_dir():
             return bool(facts.get("rate"))
-        return path.is_file() and str(path.stat().st_size) == facts.get("input_size")
-    except OSError:
+        return path.is_file() and str(sum(p.stat().st_size for p in files_of(path))) == facts.get("input_size")
+    except (OSError, SourceError):
         return False
 
 

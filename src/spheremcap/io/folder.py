@@ -19,7 +19,7 @@ from spheremcap.io.input_file import checked_input
 from spheremcap.io.picture import is_cut_jpeg, is_jpeg, still_image
 from spheremcap.io.source import Losses
 
-_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
+PICTURE_ENDINGS = (".jpg", ".jpeg", ".png", ".webp")
 _NUMBERED = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
 _LARGEST_FILE_BYTES = 256 << 20
 
@@ -122,11 +122,11 @@ class PictureFolder:
 def _numbered(folder: Path) -> list[tuple[int, Path]]:
     """(index from 0, path) of the pictures by their last number."""
     try:
-        names = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+        names = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURE_ENDINGS)
     except OSError as error:
         raise SourceError(f"{folder}: cannot be opened: {error.strerror}") from error
     if not names:
-        raise SourceError(f"{folder}: is a folder without pictures ({', '.join(_SUFFIXES)}); name a video file")
+        raise SourceError(f"{folder}: is a folder without pictures ({', '.join(PICTURE_ENDINGS)}); name a video file")
     found = {path: _NUMBERED.fullmatch(path.stem[::-1]) for path in names}
     series: Counter[tuple[str, str]] = Counter()
     numbers: dict[int, Path] = {}

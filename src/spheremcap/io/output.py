@@ -25,8 +25,9 @@ from mcap.records import DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from spheremcap.core.time import NS_PER_S
-from spheremcap.errors import OutputError, SpheremcapError, UsageError
+from spheremcap.errors import OutputError, SourceError, SpheremcapError, UsageError
 from spheremcap.interrupt import Interrupted
+from spheremcap.io.chapter_list import chapters_in, is_list
 
 try:
     import fcntl
@@ -67,12 +68,20 @@ def checked_output(path: str | os.PathLike[str], inputs: Sequence[Path] = (), *,
     return target
 
 
+def _listed(given: Path) -> list[Path]:
+    """The chapters that an input names; one that cannot be read is told when it is opened."""
+    try:
+        return chapters_in(given) if is_list(given) else []
+    except SourceError:
+        return []
+
+
 def refuse_inputs(path: Path, inputs: Sequence[Path]) -> None:
     """Raises UsageError when the file or folder `path` is one of the inputs or lies in one of them."""
     target = Path(os.path.realpath(path))
     places = [there for place in (target, *target.parents) if (there := _stat_or_none(place)) is not None]
     found = _stat_or_none(target)
-    for given in inputs:
+    for given in [file for one in inputs for file in (one, *_listed(one))]:
         known = _stat_or_none(given)
         if known is None:
             continue
@@ -110,6 +119,29 @@ def output_error(error: OSError, path: Path) -> OutputError:
     if isinstance(error, PermissionError) or error.errno == errno.EROFS:
         return OutputError(f"{path}: cannot be written: {error.strerror}: name a folder that you may write to")
     return OutputError(f"{path}: cannot be written: {error.strerror or error}")
+
+
+def write_durably(path: Path, text: str) -> None:
+    """The text as the whole file, on disk when this returns: written beside it, synced, renamed, the folder synced.
+
+    Raises OutputError; the file is then as it was.
+    """
+    beside = path.with_name(f".{path.name}.{token_hex(4)}.part")
+    try:
+        with beside.open("w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            with suppress(OSError):  # a file system that does not sync folders
+                os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        raise output_error(error, path) from error
 
 
 # --- the part file ---

@@ -16,13 +16,14 @@ from typing import Protocol, Self, TypeVar
 from spheremcap.core.camera import Camera
 from spheremcap.core.frame import BgrFrame, Frame, YuvFrame
 from spheremcap.errors import UsageError
+from spheremcap.io.chapters import Chapters
 from spheremcap.io.folder import PictureFolder
 from spheremcap.io.mcap_images import McapImageSource, TimeBase
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.source import Source
 from spheremcap.io.sources import FromMcap, open_input
 from spheremcap.io.video import VideoSource
-from spheremcap.io.video_index import DecodedIndex, NotAsIndexed, PacketIndex
+from spheremcap.io.video_index import DecodedIndex, JoinedIndex, NotAsIndexed, index_of
 
 HELD_BYTES = 96 << 20
 """Decoded pictures that are kept: 70 of 1280x720."""
@@ -156,15 +157,15 @@ class Pictures:
 
     def _known(self, ask: Callable[[], _Answer]) -> _Answer:
         """An answer of the index; of a video whose packets turn out to be no pictures, of what decoding it says."""
-        try:
-            return ask()
-        except NotAsIndexed:
-            assert isinstance(self.source, VideoSource)
-            self._index.close()
-            self._held.clear()
-            self._bytes, self._last = 0, None
-            self._index = DecodedIndex(self.source)
-            return ask()
+        while True:
+            try:
+                return ask()
+            except NotAsIndexed:
+                self._held.clear()
+                self._bytes, self._last = 0, None
+                if isinstance(self.source, VideoSource):
+                    self._index.close()
+                    self._index = DecodedIndex(self.source)
 
 
 def open_pictures(
@@ -176,7 +177,8 @@ def open_pictures(
     rate: Fraction | None = None,
     held_bytes: int = HELD_BYTES,
 ) -> Pictures:
-    """Open a video, a folder of pictures or an image topic of a recording for looking up pictures by index.
+    """Open a video, the list of several, a folder of pictures or an image topic of a recording for looking up pictures
+    by index.
 
     `topic` and `time` are for recordings (None: the only image topic there is), `rate` for folders, `start_time_ns` for
     both but recordings, as in `open_input`. No more than `held_bytes` of decoded pictures are kept, but always one. A
@@ -195,12 +197,11 @@ def open_pictures(
             index = _Messages(source, opened.records)
         elif isinstance(source, PictureFolder):
             index = _Numbered(source)
+        elif isinstance(source, Chapters):
+            index = JoinedIndex(source.chapters())
         else:
             assert isinstance(source, VideoSource)
-            try:
-                index = PacketIndex(source)
-            except NotAsIndexed:
-                index = DecodedIndex(source)
+            index = index_of(source)
         return Pictures(source, index, files.pop_all(), held_bytes)
 
 

@@ -1,4 +1,4 @@
-"""What is tracked: a video file, a folder of pictures, or image topics of a recording with what is copied of it."""
+"""What is tracked: a video, a folder of pictures, or image topics of a recording with what is copied of it."""
 
 import hashlib
 import itertools
@@ -11,6 +11,7 @@ from typing import Literal
 
 from spheremcap.core.time import LARGEST_RELATIVE_NS, NS_PER_S
 from spheremcap.errors import UsageError
+from spheremcap.io.chapters import Chapters, chapters_in, is_list
 from spheremcap.io.folder import PictureFolder
 from spheremcap.io.input_file import is_recording as is_recording
 from spheremcap.io.join import McapStream
@@ -118,7 +119,8 @@ def open_input(
     rate: Fraction | None = None,
     packets: bool = True,
 ) -> Iterator[Input]:
-    """Open a video file, a folder of pictures, or the chosen pictures of a recording; closed on the way out.
+    """Open a video file, several by their list, a folder of pictures, or the chosen pictures of a recording; closed on
+    the way out.
 
     `start_time_ns` is for videos and folders, `rate` (pictures a second) for folders, `packets` is VideoSource's.
     Raises SourceError for what cannot be read, UsageError where something has to be said, or was said of the wrong kind
@@ -138,6 +140,8 @@ def open_input(
                 if rate is None:
                     raise UsageError(f"{path}: is a folder: how many pictures a second? Give --rate, as in --rate 240")
                 source: Source = PictureFolder(path, rate, start_time_ns=start_time_ns)
+            elif is_list(path):
+                source = stack.enter_context(Chapters(path, start_time_ns=start_time_ns, packets=packets))
             else:
                 source = stack.enter_context(VideoSource(path, start_time_ns=start_time_ns, packets=packets))
             yield Input(path, (CameraView(source),))
@@ -226,14 +230,19 @@ def _free(place: str, leaves: Sequence[str], taken: Collection[str]) -> str:
     raise AssertionError
 
 
-def fingerprint(path: Path) -> tuple[int, str]:
-    """Size in bytes and SHA-256 of a file, or of a folder's files one after another, by name."""
+def files_of(path: Path) -> list[Path]:
+    """The files that an input is read from: a folder's, by name, or those that a list names; else the file itself."""
     if path.is_dir():
-        whole, size = hashlib.sha256(), 0
-        for file_path in sorted(p for p in path.iterdir() if p.is_file()):
-            with file_path.open("rb") as file:
-                whole.update(hashlib.file_digest(file, "sha256").digest())
-            size += file_path.stat().st_size
-        return size, whole.hexdigest()
-    with path.open("rb") as file:
-        return path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()
+        return sorted(p for p in path.iterdir() if p.is_file())
+    return chapters_in(path) if is_list(path) else [path]
+
+
+def fingerprint(path: Path) -> tuple[int, str]:
+    """Size in bytes and SHA-256 of a file; of the hashes of a folder's or a list's files one after another."""
+    files = files_of(path)
+    hashes = []
+    for one in files:
+        with one.open("rb") as file:
+            hashes.append(hashlib.file_digest(file, "sha256"))
+    whole = hashes[0] if files == [path] else hashlib.sha256(b"".join(one.digest() for one in hashes))
+    return sum(one.stat().st_size for one in files), whole.hexdigest()

@@ -40,7 +40,7 @@ _FREE_RUNNING_CLOCKS = ("mpegts", "mpeg")
 _TS_PACKET_BYTES = (188, 192, 204)
 INVISIBLE_PICTURES = ("vp8",)
 """Codecs with packets that show no picture, so that packets and pictures cannot be counted off."""
-_LONGEST_PICTURE_NS = 10 * NS_PER_S
+LONGEST_PICTURE_NS = 10 * NS_PER_S
 END_OF_TIME_NS = (1 << 63) - 1
 
 _Decoded: TypeAlias = "tuple[av.VideoFrame, Packet | None]"
@@ -70,7 +70,7 @@ class VideoSource:
         self.stated_rate: Fraction | None = rate if rate and Fraction(1, 1000) <= rate <= 1_000_000 else None
         """What the file says its rate is: for people only, dt comes from stamps."""
         self.frame_count_hint: int | None = stream.frames if stream.frames > 0 else None
-        self.start_time_ns, self.start_time_source = _start(self._container, stream, start_time_ns)
+        self.start_time_ns, self.start_time_source = start_of(self._container, stream, start_time_ns)
 
         self._careful = False
         self._pictures = self._decode()
@@ -100,8 +100,10 @@ class VideoSource:
         """How much wider than high a pixel of a Frame is, as the stream says; 1 where it says nothing."""
         pts = picture.pts or 0
         free = self._container.format.name in _FREE_RUNNING_CLOCKS
-        self.origin_ticks = pts if free or pts < 0 else 0
-        """The time stamp that is at `start_time_ns`."""
+        self.origin_ticks: int | Fraction = pts if free or pts < 0 else 0
+        """The time stamp that is at `start_time_ns`; of a chapter of several, one long before its first."""
+        self.first_ticks: int = (picture.pts if picture.pts is not None else picture.dts) or 0
+        """The first picture's time stamp."""
 
     def __enter__(self) -> "VideoSource":
         return self
@@ -320,7 +322,7 @@ def _short(error: BaseException) -> str:
     return str(getattr(error, "strerror", None) or error).splitlines()[0]
 
 
-def _start(
+def start_of(
     container: av.container.InputContainer, stream: av.VideoStream, given_ns: int | None
 ) -> tuple[int, StartTimeSource]:
     """Unix time of the container's zero, and where it is from; a creation time of 1970 or before is unset."""
@@ -403,11 +405,11 @@ def _packets_reason(path: Path, codec: str) -> str | None:
 class _Clock:
     """Strictly increasing nanoseconds from the pictures' time stamps."""
 
-    def __init__(self, stream: av.VideoStream, origin_ticks: int, last_ns: int) -> None:
+    def __init__(self, stream: av.VideoStream, origin_ticks: int | Fraction, last_ns: int) -> None:
         """No stamp comes after `last_ns`: one that would has been damaged."""
         self._time_base = stream.time_base or Fraction(1, NS_PER_S)
         usual_ns = int(NS_PER_S / stream.average_rate) if stream.average_rate else NS_PER_S // 1000
-        self._usual_ns = min(usual_ns, _LONGEST_PICTURE_NS)
+        self._usual_ns = min(usual_ns, LONGEST_PICTURE_NS)
         self._origin_ticks = origin_ticks
         self._latest_ns = last_ns - 3600 * NS_PER_S
         self._shift_ns = 0
@@ -417,13 +419,13 @@ class _Clock:
         """The picture's time in ns, and whether it is the one the file states."""
         ticks = picture.pts if picture.pts is not None else picture.dts
         length_ns = ticks_to_ns(picture.duration, self._time_base) if picture.duration else self._usual_ns
-        if not 0 < length_ns <= _LONGEST_PICTURE_NS:
+        if not 0 < length_ns <= LONGEST_PICTURE_NS:
             length_ns = self._usual_ns
         last, stated = self._last_ns, picture.pts is not None
         if ticks is not None and ticks_to_ns(ticks - self._origin_ticks, self._time_base) > self._latest_ns:
             ticks, stated = None, False
         if ticks is None:
-            ns = 0 if last is None else last + length_ns
+            ns = max(0, ticks_to_ns(-self._origin_ticks, self._time_base)) if last is None else last + length_ns
         else:
             ns = ticks_to_ns(ticks - self._origin_ticks, self._time_base) + self._shift_ns
         if last is not None and ns <= last:

@@ -10,11 +10,12 @@ its pictures are decoded from the start: slow, and right.
 import itertools
 from array import array
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import av
 import numpy as np
@@ -28,6 +29,7 @@ from spheremcap.io.video import END_OF_TIME_NS, INVISIBLE_PICTURES, VideoSource,
 
 _Ints = npt.NDArray[np.int64]
 _Flags = npt.NDArray[np.bool_]
+_Answer = TypeVar("_Answer")
 
 
 class NotAsIndexed(Exception):
@@ -273,7 +275,7 @@ class DecodedIndex:
     reordered = 0
 
     def __init__(self, source: VideoSource) -> None:
-        self._path, self._start_time_ns = source.path, source.start_time_ns
+        self._source = source
         with self._opened() as whole:
             self._stamps = {frame.index: frame.stamp_ns for frame in whole.frames()}
         self.count = max(self._stamps) + 1
@@ -297,4 +299,89 @@ class DecodedIndex:
             yield from source.frames()
 
     def _opened(self) -> VideoSource:
-        return VideoSource(self._path, start_time_ns=self._start_time_ns, packets=False)
+        again = VideoSource(self._source.path, start_time_ns=self._source.start_time_ns, packets=False)
+        again.origin_ticks, again.decoded = self._source.origin_ticks, self._source.decoded
+        return again
+
+
+def index_of(source: VideoSource) -> PacketIndex | DecodedIndex:
+    """By the packets where they tell, else by decoding."""
+    try:
+        return PacketIndex(source)
+    except NotAsIndexed:
+        return DecodedIndex(source)
+
+
+class JoinedIndex:
+    """The pictures of several videos numbered on from one to the next, each by its own index.
+
+    One whose packets turn out to be no pictures is learnt by decoding before NotAsIndexed is raised: ask again.
+    """
+
+    reordered = 0
+
+    def __init__(self, sources: Iterable[VideoSource]) -> None:
+        self._sources: list[VideoSource] = []
+        self._parts: list[PacketIndex | DecodedIndex] = []
+        try:
+            for source in sources:
+                self._sources.append(source)
+                self._parts.append(index_of(source))
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the files; frames already given stay valid."""
+        for part in self._parts:
+            part.close()
+
+    @property
+    def count(self) -> int:
+        return self._begins[-1]
+
+    @property
+    def _begins(self) -> list[int]:
+        """Index of each part's first picture, and of the one behind the last."""
+        return list(itertools.accumulate((part.count for part in self._parts), initial=0))
+
+    def key_at(self, index: int) -> int:
+        """The picture of the same part that has to be decoded first for that one."""
+        return self._ask(index, lambda part, own: index - own + part.key_at(own))
+
+    def stamp_ns(self, index: int) -> int:
+        """When the picture was taken."""
+        return self._ask(index, lambda part, own: part.stamp_ns(own))
+
+    def frames_from(self, key: int) -> Iterator[Frame]:
+        """Frames from a key frame on, to the end of the last part."""
+        for number in range(self._number(key), len(self._parts)):
+            part, begin = self._parts[number], self._begins[number]
+            last = -1
+            with self._learning(number):
+                for frame in part.frames_from(max(0, key - begin)):
+                    last = frame.index
+                    frame.index += begin
+                    yield frame
+                if last + 1 != part.count and isinstance(part, PacketIndex):
+                    raise NotAsIndexed  # the next part's pictures have other numbers
+
+    def _number(self, index: int) -> int:
+        """Which part it is in."""
+        return bisect_right(self._begins, index, hi=len(self._parts)) - 1
+
+    def _ask(self, index: int, answer: Callable[[PacketIndex | DecodedIndex, int], _Answer]) -> _Answer:
+        """Of the part it is in, by that one's own index; of one behind the last, that of the last."""
+        number = self._number(index)
+        part = self._parts[number]
+        with self._learning(number):
+            return answer(part, min(index - self._begins[number], part.count - 1))
+
+    @contextmanager
+    def _learning(self, number: int) -> Iterator[None]:
+        try:
+            yield
+        except NotAsIndexed:
+            self._parts[number].close()
+            self._parts[number] = DecodedIndex(self._sources[number])
+            raise

@@ -1,4 +1,4 @@
-"""What is inside a video file, without tracking anything."""
+"""What is inside a video, without tracking anything."""
 
 import os
 from dataclasses import dataclass
@@ -6,16 +6,19 @@ from fractions import Fraction
 from pathlib import Path
 
 from spheremcap.core.time import NS_PER_S
+from spheremcap.io.chapters import Chapters, is_list
 from spheremcap.io.video import VideoSource
 
 
 @dataclass(frozen=True)
 class VideoSummary:
-    """What is inside a video file. `frames` is as the container states it, and None where it does not; `checked` says
+    """What is inside a video. `frames` is as the container states it, and None where it does not; `checked` says
     that all of them were decoded, and `frames` and `lost` then are of that. Sizes are those of the picture as shown.
+    `chapters` are the files that a list names, none for a video of one file.
     """
 
     path: Path
+    chapters: tuple[Path, ...]
     size_bytes: int
     frames: int | None
     checked: bool
@@ -35,8 +38,11 @@ class VideoSummary:
 
 
 def summarise_video(path: str | os.PathLike[str], *, check: bool = False) -> VideoSummary:
-    """Say what is inside a video file; `check` decodes all of it. Raises SourceError when there is no picture in it."""
-    with VideoSource(path) as source:
+    """Say what is inside a video file or the list of several; `check` decodes all of it. Raises SourceError when there
+    is no picture in it."""
+    path = Path(path)
+    with Chapters(path) if is_list(path) else VideoSource(path) as source:
+        chapters, notes = (source.files, source.notes) if isinstance(source, Chapters) else ((), [])
         frames, duration_s = source.frame_count_hint, None
         reason = source.passthrough_reason
         if check:
@@ -47,7 +53,8 @@ def summarise_video(path: str | os.PathLike[str], *, check: bool = False) -> Vid
             duration_s = (last_ns - first_ns) / NS_PER_S
         return VideoSummary(
             path=source.path,
-            size_bytes=source.path.stat().st_size,
+            chapters=chapters,
+            size_bytes=sum(file.stat().st_size for file in chapters or (path,)),
             frames=frames,
             checked=check,
             rate=source.stated_rate,
@@ -62,5 +69,5 @@ def summarise_video(path: str | os.PathLike[str], *, check: bool = False) -> Vid
             rotation_deg=source.rotation_deg,
             pixel_aspect=source.pixel_aspect,
             passthrough_reason=reason,
-            lost=tuple(source.lost.lines()) if check and source.lost else (),
+            lost=tuple(source.lost.lines() if check and source.lost else notes),
         )

@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from secrets import token_hex
 
 from spheremcap.config import load_seeds, seeds_toml
 from spheremcap.core.marker import Answer, Hidden, Keep, Seed
 from spheremcap.errors import UsageError
-from spheremcap.io.output import output_error
+from spheremcap.io.output import output_error, write_durably
 
 try:
     import fcntl
@@ -150,26 +149,3 @@ def alone(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(lock)
-
-
-def write_durably(path: Path, text: str) -> None:
-    """The text as the whole file, on disk when this returns: written beside it, synced, renamed, the folder synced.
-
-    Raises OutputError; the file is then as it was.
-    """
-    beside = path.with_name(f".{path.name}.{token_hex(4)}.part")
-    try:
-        with beside.open("w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            with suppress(OSError):  # a file system that does not sync folders
-                os.fsync(folder)
-        finally:
-            os.close(folder)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise output_error(error, path) from error

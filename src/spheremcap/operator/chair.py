@@ -13,7 +13,8 @@ from spheremcap.core.camera import Camera
 from spheremcap.core.chair import RIM_POINTS, ChairClick, check_clicks
 from spheremcap.errors import SettingsError, UsageError
 from spheremcap.io.chair_file import chair_toml, load_chair
-from spheremcap.operator.answers import alone, state_of, write_durably
+from spheremcap.io.output import write_durably
+from spheremcap.operator.answers import alone, state_of
 
 _OUTLINE_POINTS = 720  # of a rim 800 pixels across, no point of the outline is 0.01 px off the ellipse
 _DOUBTED_FROM_PX = 1.0

@@ -26,10 +26,11 @@ from spheremcap.io.course import courses_of
 from spheremcap.io.input_file import is_recording
 from spheremcap.io.mcap_images import TimeBase
 from spheremcap.io.mcap_records import McapRecords
+from spheremcap.io.output import write_durably
 from spheremcap.io.pictures import Pictures, open_pictures, recorded_pictures
 from spheremcap.io.recording import STATE, UNREADABLE, request_of, schema_names
 from spheremcap.io.toml_file import first_problem, read_toml
-from spheremcap.operator.answers import AnswerFile, write_durably
+from spheremcap.operator.answers import AnswerFile
 from spheremcap.operator.chair import ChairFile
 from spheremcap.operator.desk import HELD_BYTES
 from spheremcap.operator.lanes import Lanes
