@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from spheremcap.analysis.cycles import PERCENT, Band
 from spheremcap.analysis.findings import Findings
+from spheremcap.analysis.markup import figure, plain, ticks
 from spheremcap.analysis.settings import SIDES
 from spheremcap.core.stroke import EventKind, Stroke, StrokeEvent
 from spheremcap.core.time import NS_PER_S
@@ -55,32 +56,18 @@ class _Axes:
         """Ticks, their numbers, thin lines across, and what x is."""
         left, _, right, bottom = self.box
         parts = []
-        for value in _ticks(*self.y_range, y_ticks):
+        for value in ticks(*self.y_range, y_ticks):
             y = float(self.at(self.x_range[0], value)[0, 1])
             parts.append(f'<path class="grid" d="M{left:.1f} {y:.1f}H{right:.1f}"/>')
-            parts.append(f'<text class="tick end" x="{left - 5:.1f}" y="{y + 4:.1f}">{_plain(value)}</text>')
-        for value in _ticks(*self.x_range, x_ticks):
+            parts.append(f'<text class="tick end" x="{left - 5:.1f}" y="{y + 4:.1f}">{plain(value)}</text>')
+        for value in ticks(*self.x_range, x_ticks):
             x = float(self.at(value, self.y_range[0])[0, 0])
             parts.append(f'<path class="axis" d="M{x:.1f} {bottom:.1f}v4"/>')
-            parts.append(f'<text class="tick mid" x="{x:.1f}" y="{bottom + 16:.1f}">{_plain(value)}</text>')
+            parts.append(f'<text class="tick mid" x="{x:.1f}" y="{bottom + 16:.1f}">{plain(value)}</text>')
         parts.append(f'<path class="axis" d="M{left:.1f} {bottom:.1f}H{right:.1f}"/>')
         if x_label:
             parts.append(f'<text class="tick mid" x="{(left + right) / 2:.1f}" y="{bottom + 32:.1f}">{x_label}</text>')
         return "".join(parts)
-
-
-def _ticks(low: float, high: float, about: int) -> FloatArray:
-    """Round numbers between two."""
-    if not high > low:
-        return np.array([low])
-    rough = (high - low) / about
-    power = 10.0 ** np.floor(np.log10(rough))
-    step = next(power * k for k in (1, 2, 5, 10) if power * k >= rough * (1 - 1e-9))
-    return np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1) * step
-
-
-def _plain(value: float) -> str:
-    return f"{value + 0.0:.6g}".replace("-", "−")
 
 
 def polyline(places: FloatArray, look: str) -> str:
@@ -112,14 +99,6 @@ def _mark(place: FloatArray, kind: EventKind, side: str) -> str:
 def _dot(place: FloatArray, side: str) -> str:
     """A stroke's dot: full and round of the left hand, open and square of the right."""
     return _mark(place, EventKind.CONTACT if side == "left" else EventKind.RELEASE, side)
-
-
-def figure(title: str, caption: str, width: int, height: int, content: str) -> str:
-    """A figure with its caption; `caption` is HTML, `title` is text."""
-    return (
-        f'<figure><svg viewBox="0 0 {width} {height}" role="img" aria-label="{escape(title)}">'
-        f"{content}</svg><figcaption>{caption}</figcaption></figure>"
-    )
 
 
 def _legend(x: float, y: float, sides: Sequence[str], *, dots: bool = False) -> str:

@@ -1,8 +1,10 @@
-"""Numbers, words and tables as HTML. What comes in is HTML already, but for what is said to be text."""
+"""Numbers, words, tables and figures as HTML. What comes in is HTML already, but for what is said to be text."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 
 import numpy as np
+import numpy.typing as npt
 
 NONE = "–"
 
@@ -56,3 +58,41 @@ def row(head: str, cells: Iterable[str]) -> str:
 
 def explained(pairs: Mapping[str, str]) -> str:
     return "<dl>" + "".join(f"<dt>{term}:</dt><dd>{said}</dd>" for term, said in pairs.items()) + "</dl>"
+
+
+def figure(title: str, caption: str, width: int, height: int, content: str) -> str:
+    """A figure with its caption; `caption` is HTML, `title` is text."""
+    return (
+        f'<figure><svg viewBox="0 0 {width} {height}" role="img" aria-label="{escape(title)}">'
+        f"{content}</svg><figcaption>{caption}</figcaption></figure>"
+    )
+
+
+def ticks(low: float, high: float, about: int) -> npt.NDArray[np.float64]:
+    """Round numbers between two."""
+    if not high > low:
+        return np.array([low])
+    rough = (high - low) / about
+    power = 10.0 ** np.floor(np.log10(rough))
+    step = next(power * k for k in (1, 2, 5, 10) if power * k >= rough * (1 - 1e-9))
+    return np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1) * step
+
+
+def plain(value: float) -> str:
+    return f"{value + 0.0:.6g}".replace("-", "−")
+
+
+def section(title: str, parts: Iterable[str]) -> str:
+    """A section of a page, of those parts that are there."""
+    return f"<section>\n<h2>{title}</h2>\n" + "\n".join(part for part in parts if part) + "\n</section>"
+
+
+def document(title: str, css: str, content: Iterable[str], footer: str) -> str:
+    """A whole page, self-contained, of those parts that are there."""
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{title}</title>\n<style>\n{css}</style>\n</head>\n<body>\n<main>\n"
+        + "\n".join(part for part in content if part)
+        + f"\n</main>\n<footer>{footer}</footer>\n</body>\n</html>\n"
+    )

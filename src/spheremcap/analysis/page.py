@@ -1,7 +1,7 @@
 """The session's page: quality first, then strokes, left against right, for coaches and biomechanists, on paper too."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
 
@@ -10,7 +10,7 @@ import numpy as np
 from spheremcap.analysis.cycles import Band
 from spheremcap.analysis.figures import band_figures, dot_figures, path_figure, speed_figure
 from spheremcap.analysis.findings import Findings
-from spheremcap.analysis.markup import listed, number, percent, plural
+from spheremcap.analysis.markup import document, listed, number, percent, plural, section
 from spheremcap.analysis.page_quality import chair_part, clocks_part, lengths_part, quality_part
 from spheremcap.analysis.page_strokes import means_part, sentences_part, strokes_part, timing_part
 from spheremcap.analysis.settings import SIDES
@@ -28,27 +28,20 @@ def page(found: Findings, bands: Sequence[Band]) -> str:
     css = (files("spheremcap.analysis") / "page.css").read_text(encoding="utf-8")
     content = [
         f"<h1>{name}</h1>", f'<p class="sub">{_when(found)}</p>', _box(found),
-        _section(
+        section(
             "How good the recording is",
             [quality_part(found), lengths_part(found), chair_part(found), clocks_part(found)],
         ),
-        _section("Strokes", [means_part(found), sentences_part(found), timing_part(found)]),
-        _section("Left against right", _figures(found, bands)),
-        _section("All strokes", [strokes_part(found)]),
+        section("Strokes", [means_part(found), sentences_part(found), timing_part(found)]),
+        section("Left against right", _figures(found, bands)),
+        section("All strokes", [strokes_part(found)]),
     ]  # fmt: skip
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{name}: strokes</title>\n<style>\n{css}</style>\n</head>\n<body>\n<main>\n"
-        + "\n".join(part for part in content if part)
-        + "\n</main>\n<footer>Made by spheremcap. Left and right are the athlete's. A dash (–) is a value that there "
-        "is "
-        "not.</footer>\n</body>\n</html>\n"
+    return document(
+        f"{name}: strokes",
+        css,
+        content,
+        "Made by spheremcap. Left and right are the athlete's. A dash (–) is a value that there is not.",
     )
-
-
-def _section(title: str, parts: Iterable[str]) -> str:
-    return f"<section>\n<h2>{title}</h2>\n" + "\n".join(part for part in parts if part) + "\n</section>"
 
 
 def _when(found: Findings) -> str:
