@@ -42,6 +42,7 @@ def imported(*arguments: object) -> set[str]:
         ["tune", "hough", "--help"],
         ["analyse", "--help"],
         ["calibrate", "--help"],
+        ["dataset", "run", "--help"],
     ],
 )
 def test_help_imports_no_numbers(arguments):

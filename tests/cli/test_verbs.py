@@ -11,7 +11,7 @@ from spheremcap.config import load_settings
 VERBS = (
     "annotate", "calibrate", "track", "retrack", "merge", "sync", "analyse", "info", "layout", "export", "render",
     "plot", "recover", "view", "live",
-    "evaluate", "experiment", "synth", "tune", "config",
+    "evaluate", "experiment", "synth", "tune", "config", "dataset",
 )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from spheremcap.cli import (
     annotate,
     calibrate,
     config,
+    dataset,
     evaluate,
     experiment,
     export,
@@ -76,8 +77,10 @@ for verb in (
     evaluate.evaluate, experiment.experiment, synth.synth,
 ):  # fmt: skip
     app.command(help=_paragraphs(verb.__doc__ or ""))(verb)
-app.add_typer(tune.app, name="tune")
-app.add_typer(config.app, name="config")
+for name, group in (("dataset", dataset.app), ("tune", tune.app), ("config", config.app)):
+    for command in group.registered_commands:
+        command.help = _paragraphs(getattr(command.callback, "__doc__", None) or "")
+    app.add_typer(group, name=name)
 
 
 def main() -> None:

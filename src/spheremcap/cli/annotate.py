@@ -18,7 +18,10 @@ from spheremcap.interrupt import Interrupt
 def annotate(
     source: Annotated[
         Path,
-        typer.Argument(help="A session's video, a folder of pictures, an MCAP with pictures, or a recording of ours."),
+        typer.Argument(
+            help="A session's video, a folder of pictures, an MCAP with pictures, or a recording of ours; or what "
+            "`dataset run` wrote: the next session that asks something."
+        ),
     ],
     seeds: Annotated[
         Path | None, typer.Option("--seeds", help="Where answers are kept. (by default NAME.seeds.toml beside it)")
@@ -49,8 +52,12 @@ def annotate(
     from spheremcap.cli.track import rate_of
     from spheremcap.operator.opened import Opened
     from spheremcap.operator.page import Page
+    from spheremcap.season.outcome import SEASON
 
     loaded()
+    more = ""
+    if (source / SEASON).is_file():
+        source, seeds, more = _next_question(source, seeds)
     if allow_remote in ("0.0.0.0", "::", ""):
         raise UsageError("--allow-remote: name the one address that others are to use, not all of them")
     page = Page(
@@ -67,6 +74,29 @@ def annotate(
                 time.sleep(0.1)
     finally:
         page.close()
+    if more:
+        warn(more)
+
+
+def _next_question(out: Path, seeds: Path | None) -> tuple[Path, Path, str]:
+    """The recording of a season's next open question, where its answer goes, and what is to be done then. Raises
+    UsageError where nothing is asked."""
+    from spheremcap.season.requests import questions
+
+    if seeds is not None:
+        raise UsageError("--seeds: each session of a season has its own seeds file, as its manifest says")
+    asked = [question for question in questions(out) if not question.answered]
+    if not asked:
+        raise UsageError(
+            f"{out}: nothing is asked that has no answer yet: `spheremcap dataset requests {out}` lists all"
+        )
+    first = asked[0]
+    own = sum(question.session == first.session for question in asked)
+    others = len({question.session for question in asked}) - 1
+    ask = "session asks" if others == 1 else "sessions ask"
+    warn(f"{first.session} asks {own} question{'s' * (own != 1)}; {others} more {ask}")
+    again = f"; the same command opens the next of {others} more" if others else ""
+    return first.recording, first.seeds, f"`spheremcap dataset run` takes the answers in{again}"
 
 
 def login() -> str:

@@ -17,7 +17,7 @@ from spheremcap.merging.makers import FILES, TABLES
 from spheremcap.merging.mapping import TableMapping, UnreadTableError, mapping_to_start_from
 from spheremcap.merging.tables import Table, open_table
 
-_TABLES = (".csv", ".tsv", ".txt", ".data", ".xlsx", ".parquet", ".c3d")
+TABLE_ENDINGS = (".csv", ".tsv", ".txt", ".data", ".xlsx", ".parquet", ".c3d")
 
 
 def read_sensors(
@@ -69,7 +69,7 @@ def _read_folder(path: Path, name: str, mapping: TableMapping | None, rate_hz: f
     others.
     """
     found: list[SensorLog] = []
-    files = sorted(p for p in path.rglob("*") if p.is_file() and p.suffix.lower() in _TABLES)
+    files = sorted(p for p in path.rglob("*") if p.is_file() and p.suffix.lower() in TABLE_ENDINGS)
     devices = {p.parent for p in files}
     for file in files:
         try:

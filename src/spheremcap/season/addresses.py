@@ -1,0 +1,63 @@
+"""Inputs that lie behind an address instead of a path, as fsspec understands it: s3://, gs://, sftp://, file:// and so
+on. They are copied to where a session is made, and read there like any other.
+"""
+
+import hashlib
+import importlib
+import shutil
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from spheremcap.errors import SourceError, UsageError, short
+
+_COPIED_BYTES = 8 << 20
+
+
+def is_address(path: str) -> bool:
+    """Whether it is no path."""
+    return "://" in path
+
+
+def looked_at(address: str) -> tuple[int, int]:
+    """Bytes of what is there, and a number that is another one when it has changed, by what its keeper says of it
+    (date, version, checksum). Raises SourceError, UsageError."""
+    filesystem, place = _there(address)
+    try:
+        mark = hashlib.sha256(str(filesystem.ukey(place)).encode()).digest()
+        return int(filesystem.size(place) or 0), int.from_bytes(mark[:7], "big")
+    except Exception as error:
+        raise _gone(address, error) from error
+
+
+def fetched(address: str, folder: Path) -> Path:
+    """A copy of what is there, in `folder`, by its own name. Raises SourceError, UsageError."""
+    filesystem, place = _there(address)
+    folder.mkdir(parents=True)
+    path = folder / PurePosixPath(place).name
+    try:
+        with filesystem.open(place, "rb") as there, path.open("wb") as here:
+            shutil.copyfileobj(there, here, _COPIED_BYTES)
+    except Exception as error:
+        raise _gone(address, error) from error
+    return path
+
+
+def _there(address: str) -> tuple[Any, str]:
+    try:
+        core = importlib.import_module("fsspec.core")
+    except ImportError:
+        raise UsageError(f"{address}: addresses need fsspec: pip install 'spheremcap[cluster]'") from None
+    try:
+        filesystem, place = core.url_to_fs(address)
+    except ImportError as error:  # a protocol whose own package is not there
+        raise UsageError(f"{address}: cannot be read as it is: {short(error)}") from error
+    except Exception as error:
+        raise _gone(address, error) from error
+    return filesystem, str(place)
+
+
+def _gone(address: str, error: Exception) -> SourceError:
+    """Every keeper has errors of its own."""
+    if isinstance(error, FileNotFoundError):
+        return SourceError(f"{address}: nothing is there; check the address")
+    return SourceError(f"{address}: cannot be read: {type(error).__name__}: {short(error)}")

@@ -1,0 +1,158 @@
+"""What decides a session's result: the same key is the same result, byte for byte.
+
+It is in three parts, so that only what a change touches is made again: what was tracked (pictures, settings), the
+answers in it (seeds), and all that is done afterwards (sensors, analysis). Files count by their content; one that is as
+old and as large as it was is not read again. Settings count by what they come to, so that a comment changes nothing.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from spheremcap.analysis.settings import AnalysisSettings, load_analysis_settings
+from spheremcap.config import Settings, load_seeds, load_settings, seeds_toml
+from spheremcap.core.marker import Answer
+from spheremcap.errors import SourceError, SpheremcapError
+from spheremcap.io.output import VERSION
+from spheremcap.season.addresses import is_address, looked_at
+from spheremcap.season.manifest import Plan
+from spheremcap.season.outcome import InputFile, Outcome
+
+
+@dataclass(frozen=True)
+class Given:
+    """A session's settings and answers as they are read, and its files by the path that the plan has for them."""
+
+    settings: Settings
+    answers: tuple[Answer, ...]
+    analysis: AnalysisSettings
+    files: Mapping[str, InputFile]
+    tracked: str
+    """Key of what is tracked, without answers."""
+    answered: str
+    """Key of the answers."""
+    key: str
+    """Key of all."""
+
+
+def given(plan: Plan, known: Outcome | None, local: Callable[[str], Path] | None) -> Given | None:
+    """What decides the session's result. `known` is how it ended before: a file that looks as it did then is not read
+    again. `local` gives the path of an input, where that is an address a copy's; without it no other is read either,
+    and None is returned where there are some.
+
+    Raises SettingsError for what is wrong in settings, seeds or manifest, SourceError for a file that is not there.
+    """
+    if plan.videos == ():
+        raise SourceError(plan.missing[0] if plan.missing else f"{plan.name}: no video")
+    settings = Settings() if plan.settings is None else load_settings(Path(plan.settings))
+    analysis = AnalysisSettings() if plan.analysis is None else load_analysis_settings(Path(plan.analysis))
+    answers = tuple(load_seeds(Path(plan.seeds))) if Path(plan.seeds).is_file() else ()
+    before = {file.path: file for file in known.inputs} if known is not None else {}
+    tracked_files = [*plan.videos, *_named_by(plan.settings, settings.camera.file)]
+    merged_files = [path for s in plan.sensors for path in (s.path, s.how.mapping) if path is not None]
+    merged_files += _named_by(plan.analysis, analysis.chair.clicks) if plan.analyse else []
+    files: dict[str, InputFile] = {}
+    for path in (*tracked_files, *merged_files):
+        try:
+            size, mtime_ns = _look(path)
+        except SourceError:
+            if path in (sensor.path for sensor in plan.sensors):
+                continue  # the others are merged, and it is named
+            raise
+        same = before.get(path)
+        if same is not None and (same.size_bytes, same.mtime_ns) == (size, mtime_ns):
+            files[path] = same
+        elif local is None:
+            return None
+        else:
+            files[path] = InputFile(path=path, size_bytes=size, mtime_ns=mtime_ns, sha256=_content(local(path)))
+    tracked = key_of(
+        VERSION, plan.name, settings.to_toml(), plan.auto, plan.start_time, plan.rate, plan.topic,
+        *_contents(tracked_files, files),
+    )  # fmt: skip
+    answered = key_of(seeds_toml(answers))
+    absent = [line for line in plan.missing if line.startswith("no sensor")]
+    rest = key_of(
+        plan.subject, *absent, plan.force, plan.analyse, plan.fill_ms, analysis.model_dump_json(),
+        *(text for sensor in plan.sensors for text in (sensor.name, sensor.how.model_dump_json(exclude={"mapping"}))),
+        *_contents(merged_files, files),
+    )  # fmt: skip
+    return Given(settings, answers, analysis, files, tracked, answered, key_of(tracked, answered, rest))
+
+
+def check_unchanged(files: Mapping[str, InputFile]) -> None:
+    """Raises SourceError where a file is another one now than when it was read."""
+    for path, file in files.items():
+        if (file.size_bytes, file.mtime_ns) != _look(path):
+            raise SourceError(f"{path}: was changed while the session was made from it: run it again")
+
+
+def is_done(plan: Plan, known: Outcome | None) -> bool:
+    """Whether a session has its result already, without reading a video or a log."""
+    if known is None or known.status == "failed":
+        return False
+    try:
+        now = given(plan, known, None)
+    except (SpheremcapError, OSError):  # which its run will say
+        return False
+    return now is not None and now.key == known.key
+
+
+def size_of(plan: Plan) -> int:
+    """Bytes of a session's video: by them its length is guessed before it is opened."""
+    size = 0
+    for video in plan.videos:
+        with suppress(SpheremcapError, OSError):  # which its run will say
+            size += _look(video)[0]
+    return size
+
+
+def _named_by(settings: str | None, file: str | None) -> list[str]:
+    """A file that a settings file names, which starts at its folder."""
+    return [] if settings is None or file is None else [str(Path(settings).parent / file)]
+
+
+def _contents(paths: Sequence[str], files: Mapping[str, InputFile]) -> Iterator[str]:
+    """Names and contents; a file's folder does not count."""
+    for path in paths:
+        yield Path(path).name
+        yield files[path].sha256 if path in files else "none"
+
+
+def key_of(*told: object) -> str:
+    """Of texts and numbers, none of which runs into the next."""
+    return hashlib.sha256("".join(f"{len(str(one))}:{one}" for one in told).encode()).hexdigest()
+
+
+def _members(path: Path) -> list[Path]:
+    return sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+
+
+def _look(path: str) -> tuple[int, int]:
+    """Bytes, and when it was last written, ns; of a folder all its files together. Of an address what stands for it."""
+    if is_address(path):
+        return looked_at(path)
+    try:
+        states = [member.stat() for member in _members(Path(path))]
+    except FileNotFoundError:
+        raise SourceError(f"{path}: no such file; the manifest names it") from None
+    except OSError as error:
+        raise SourceError(f"{path}: cannot be read: {error.strerror}") from error
+    return sum(s.st_size for s in states), max((s.st_mtime_ns for s in states), default=0)
+
+
+def _content(path: Path) -> str:
+    """SHA-256 of a file; of a folder, of its files' names and contents."""
+    if path.is_file():
+        return _digest(path)
+    return key_of(*(text for m in _members(path) for text in (m.relative_to(path).as_posix(), _digest(m))))
+
+
+def _digest(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise SourceError(f"{path}: cannot be read: {error.strerror}") from error

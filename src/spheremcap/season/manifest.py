@@ -1,0 +1,377 @@
+"""The manifest: a TOML file that says which sessions there are, and for each its video, sensors, settings and seeds.
+
+What `[defaults]` says holds for all sessions (settings where there is no STEM.settings.toml beside the video), what
+`[[overrides]]` say for those whose names they match (the last one counts), and what a session says itself counts most.
+Paths start at the manifest's folder. They may have `*`, `?` and `**` where several files are meant, and `{folder}`,
+`{stem}` and `{name}`: the folder of the session's video, the video's name without its ending, and the session's name.
+"""
+
+import glob
+import itertools
+import re
+import shlex
+from collections.abc import Sequence
+from contextlib import suppress
+from fnmatch import fnmatchcase
+from fractions import Fraction
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+
+from spheremcap.core.stage import StageConfig
+from spheremcap.core.time import parse_time_ns
+from spheremcap.errors import SettingsError, UsageError
+from spheremcap.io.toml_file import first_problem, read_toml
+from spheremcap.merging.clock import parse_drift, parse_offset
+from spheremcap.season.addresses import is_address
+
+NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"
+_NO_NAME = re.compile(r"[^A-Za-z0-9_.-]+")
+_SEVERAL = re.compile(r"[*?\[]")
+SEPARATORS = "_-. "
+"""What may stand between a video's name and a sensor's in the name of a log."""
+
+Paths = str | tuple[str, ...]
+
+
+class HowMerged(StageConfig):
+    """How a sensor is merged, as the flags of `merge` of these names say it."""
+
+    sync: str | None = Field(None, description='the marker whose motion its clock is found from; "" for none')
+    offset: str | None = Field(None, description='what to add to its times, as in "+12.5ms"')
+    drift: str | None = Field(None, description='how much too slow its clock runs, as in "-20ppm"')
+    mapping: str | None = Field(None, description="TOML: how to read a table of unknown layout")
+    rate_hz: float | None = Field(None, gt=0, le=1e6, description="samples a second of files that do not say")
+
+    @field_validator("offset", "drift")
+    @classmethod
+    def _can_be_read(cls, text: str | None, info: ValidationInfo) -> str | None:
+        try:
+            if text is not None:
+                (parse_offset if info.field_name == "offset" else parse_drift)(text)
+        except UsageError as error:
+            raise ValueError(str(error)) from None
+        return text
+
+
+class Values(StageConfig):
+    """What can be said of a session, of some, or of all; None is not said here."""
+
+    subject: str | None = Field(None, description="whose session it is; a column of the tables")
+    settings: str | None = Field(
+        None, description="TOML with markers and camera (by default STEM.settings.toml beside the video)"
+    )
+    seeds: str | None = Field(None, description="TOML with circles and answers (by default STEM.seeds.toml)")
+    auto: bool | None = Field(None, description="look for markers that nobody seeded, as `track --auto` does")
+    sensors: Paths | None = Field(None, description="files and folders to merge, each as PATH or NAME=PATH")
+    merge: dict[str, HowMerged] | None = Field(None, description="how sensors are merged, by their names")
+    force: bool | None = Field(None, description="merge what does not overlap the video in time")
+    analyse: bool | None = Field(None, description="false: no strokes are looked for")
+    analysis: str | None = Field(None, description="TOML on the chair, as `analyse --settings` takes it")
+    fill_ms: float | None = Field(None, ge=0, le=1000, description="gaps that the analysis stands in for")
+    start_time: str | None = Field(None, description="time of the first picture: ISO 8601 or Unix seconds")
+    rate: str | None = Field(None, description="pictures a second of a folder of pictures")
+    topic: str | None = Field(None, description="image topic of an MCAP that has several")
+    timeout_h: float | None = Field(None, gt=0, le=1000, description="hours after which it counts as hung (12)")
+    memory_gb: float | None = Field(
+        None, gt=0, le=10_000, description="address space that it may take, which is several times what it uses"
+    )
+
+    @field_validator("start_time")
+    @classmethod
+    def _a_time(cls, text: str | None) -> str | None:
+        if text is not None and not 0 <= parse_time_ns(text) < 1 << 63:
+            raise ValueError("a recording holds times from 1970 to 2262")
+        return text
+
+    @field_validator("rate")
+    @classmethod
+    def _a_rate(cls, text: str | None) -> str | None:
+        with suppress(ValueError, ZeroDivisionError):
+            if text is None or (len(text) < 40 and Fraction(1, 1000) <= Fraction(text) <= 1_000_000):
+                return text
+        raise ValueError('expected pictures a second, 0.001 to 1000000, as in "240"')
+
+
+class _Row(Values):
+    """A session; or, without a name, one for each video that is found."""
+
+    name: str | None = Field(None, pattern=NAME, description="letters, digits, - _ and .; also its folder's name")
+    video: Paths = Field(description="a video, its chapters in order, a folder of pictures or an MCAP")
+
+
+class _Override(Values):
+    """What holds for the sessions whose names one of the patterns matches."""
+
+    sessions: Paths
+
+
+class _Manifest(StageConfig):
+    name: str = Field("", description="what the season is called in its report")
+    description: str = ""
+    defaults: Values = Values()
+    overrides: tuple[_Override, ...] = ()
+    sessions: tuple[_Row, ...] = ()
+
+
+class Sensor(BaseModel):
+    """A file or folder to merge: what it is called, where it is, and how."""
+
+    model_config = ConfigDict(frozen=True)
+    name: str
+    path: str
+    how: HowMerged = HowMerged()
+
+
+class Plan(BaseModel):
+    """A session as it is to be run: everything a manifest says of it, paths absolute (or addresses). As JSON it goes to
+    where it is run.
+
+    `videos` are the chapters in order; empty where the manifest's patterns match nothing, which `missing` then says, as
+    it does for every other file that is named and not there. `seeds` is where answers are kept, whether it is there
+    or not; of `settings` and `analysis` None is none.
+    """
+
+    model_config = ConfigDict(frozen=True)
+    name: str
+    subject: str = ""
+    videos: tuple[str, ...]
+    settings: str | None = None
+    seeds: str
+    auto: bool = False
+    sensors: tuple[Sensor, ...] = ()
+    force: bool = False
+    analyse: bool = True
+    analysis: str | None = None
+    fill_ms: float = 0.0
+    start_time: str | None = None
+    rate: str | None = None
+    topic: str | None = None
+    timeout_h: float = 12.0
+    memory_gb: float | None = None
+    missing: tuple[str, ...] = ()
+    seedless: str = ""
+    """That it has no circles to begin with, and how to give them; "" where it has, or looks for them itself."""
+
+    @property
+    def start_time_ns(self) -> int | None:
+        """Unix time of the first picture; None where the video is to say it."""
+        return None if self.start_time is None else parse_time_ns(self.start_time)
+
+
+class Season(BaseModel):
+    """A manifest as it is read: what the season is called, and its sessions by name."""
+
+    model_config = ConfigDict(frozen=True)
+    name: str
+    description: str = ""
+    plans: tuple[Plan, ...]
+
+
+def load_season(path: Path) -> Season:
+    """Read a manifest and find its files. Raises SettingsError for one that is wrong."""
+    try:
+        manifest = _Manifest.model_validate(read_toml(path))
+    except ValidationError as error:
+        told = re.sub(r"\b(sessions|overrides)\.(\d+)", lambda row: f"{row[1]} {int(row[2]) + 1}", first_problem(error))
+        raise SettingsError(f"{path}: {told}") from error
+    folder = path.resolve().parent
+    taken: set[str] = set()  # videos of sessions that have a name
+    plans: list[Plan] = []
+    for row in manifest.sessions:
+        if row.name is not None:
+            found, missing = _found(_listed(row.video), folder)
+            taken.update(found)
+            plans.append(_plan(manifest, row, row.name, found, missing, folder))
+    for number, row in enumerate(manifest.sessions, 1):
+        if row.name is None:
+            found, missing = _found(_listed(row.video), folder)
+            if not found:
+                raise SettingsError(f"{path}: sessions {number}: no video matches {', '.join(missing)}")
+            for video in found:
+                if video not in taken:
+                    name = session_name(Path(video), _beginning(row.video, video, folder))
+                    plans.append(_plan(manifest, row, name, [video], [], folder))
+    if not plans:
+        raise SettingsError(f"{path}: no session in it: expected [[sessions]] with name and video")
+    named: dict[str, Plan] = {}
+    for plan in plans:
+        if (same := named.setdefault(plan.name, plan)) is not plan:
+            raise SettingsError(
+                f"{path}: two sessions are called {plan.name}: {', '.join(same.videos)} and {', '.join(plan.videos)}"
+            )
+    for number, override in enumerate(manifest.overrides, 1):
+        if not any(_meant(override, name) for name in named):
+            raise SettingsError(
+                f"{path}: overrides {number}: no session is called {', '.join(_listed(override.sessions))}"
+            )
+    return Season(
+        name=manifest.name or path.stem, description=manifest.description,
+        plans=tuple(named[name] for name in sorted(named)),
+    )  # fmt: skip
+
+
+def _beginning(patterns: Paths, video: str, folder: Path) -> Path:
+    """The folder that a video's session is called from: what stands in its pattern before any `*`."""
+    for pattern in _listed(patterns):
+        parts = itertools.takewhile(lambda part: not _SEVERAL.search(part), Path(pattern).parts[:-1])
+        begin = folder.joinpath(*parts)
+        if Path(video).is_relative_to(begin):
+            return begin
+    return folder
+
+
+def session_name(video: Path, folder: Path) -> str:
+    """What a session is called after its video, by where that is below `folder`: anna/run 1.mp4 is anna_run_1, and
+    anna/session.mp4 is anna."""
+    inside = video.with_suffix("")
+    if inside.is_relative_to(folder):
+        inside = inside.relative_to(folder)
+    parts = [part for part in inside.parts if part != inside.anchor]
+    if len(parts) > 1 and parts[-1] == "session":
+        parts.pop()
+    name = _NO_NAME.sub("_", "_".join(parts)).strip("_.-")
+    return name[:100] or "session"
+
+
+def _no_seeds(video: str, seeds: str, settings: str | None, beside: str) -> str:
+    """That a session has no circles to begin with, and how to give them; `beside` is where `annotate` looks for
+    settings by itself."""
+    own = "" if settings in (None, beside) else f" --settings {shlex.quote(str(settings))}"
+    return f"no seeds: there is no {seeds}: spheremcap annotate {shlex.quote(video)}{own}, or auto = true"
+
+
+def _plan(
+    manifest: _Manifest, row: _Row, name: str, videos: Sequence[str], missing: Sequence[str], folder: Path
+) -> Plan:  # fmt: skip
+    video = videos[0] if videos else str(folder / name)
+    place = _Place(folder, video, name)
+    said = manifest.defaults.model_dump(exclude_none=True)
+    if Path(beside := place.beside("settings")).is_file():  # nearer than what holds for all
+        said["settings"] = beside
+    for override in manifest.overrides:
+        if _meant(override, name):
+            said = _over(said, override.model_dump(exclude_none=True, exclude={"sessions"}))
+    said = _over(said, row.model_dump(exclude_none=True, exclude={"name", "video"}))
+    gone = [f"no video: nothing matches {pattern}" for pattern in missing]
+    for key in ("settings", "analysis"):
+        if key in said:
+            said[key] = place.file(key, said[key])
+            gone += _gone(key, said[key])
+    said["seeds"] = place.file("seeds", said["seeds"]) if "seeds" in said else place.beside("seeds")
+    if not said.get("auto") and not Path(said["seeds"]).is_file():
+        said["seedless"] = _no_seeds(video, said["seeds"], said.get("settings"), place.beside("settings"))
+    how = {key: HowMerged.model_validate(one) for key, one in said.pop("merge", {}).items()}
+    sensors, unmatched = _sensors(_listed(said.pop("sensors", ())), place)
+    gone += [f"no sensor: nothing matches {pattern}" for pattern in unmatched]
+    merged = []
+    for sensor in sensors:
+        own = how.get(sensor.name, HowMerged())
+        if own.mapping is not None:
+            own = own.model_copy(update={"mapping": place.file("mapping", own.mapping)})
+            gone += _gone("mapping", str(own.mapping))
+        merged.append(sensor.model_copy(update={"how": own}))
+    return Plan(name=name, videos=tuple(videos), sensors=tuple(merged), missing=tuple(gone), **said)
+
+
+class _Place:
+    """Where a session's paths start, and what their placeholders stand for."""
+
+    def __init__(self, folder: Path, video: str, name: str) -> None:
+        self._folder, self._name = folder, name
+        inside = PurePosixPath(video) if is_address(video) else Path(video)
+        self._stem = inside.stem if inside.suffix else inside.name
+        self._around = video.rpartition("/")[0] if is_address(video) else str(inside.parent)
+        self._names = {"{folder}": self._around, "{stem}": self._stem, "{name}": name}
+
+    def path(self, text: str) -> str:
+        """Absolute; an address stays."""
+        for name, what in self._names.items():
+            text = text.replace(name, what)
+        return text if is_address(text) else str(self._folder / text)
+
+    def file(self, key: str, text: str) -> str:
+        """The path of what is written by hand. Raises SettingsError for an address: answers are kept in files."""
+        path = self.path(text)
+        if is_address(path):
+            raise SettingsError(f"{key} {path}: is an address: only videos and sensors' logs may lie behind one")
+        return path
+
+    def pattern(self, text: str) -> str:
+        """The same for what may match several files: only what was written is a pattern, no file's own name."""
+        if is_address(text) or is_address(self._around):
+            return self.path(text)
+        for name, what in self._names.items():
+            text = text.replace(name, glob.escape(what))
+        return str(Path(glob.escape(str(self._folder))) / text)
+
+    def beside(self, kind: str) -> str:
+        """Where seeds or settings are looked for: beside the video; the manifest, where that is behind an address."""
+        if is_address(self._around):
+            return str(self._folder / f"{self._name}.{kind}.toml")
+        return f"{self._around}/{self._stem}.{kind}.toml"
+
+
+def _sensors(texts: Sequence[str], place: _Place) -> tuple[list[Sensor], list[str]]:
+    """What is merged, and the patterns that match nothing. Without a name of its own a sensor is called as its file,
+    less the video's name that it may begin with."""
+    found: list[Sensor] = []
+    unmatched = []
+    for text in texts:
+        name, equals, path = text.partition("=")
+        named = bool(equals) and re.fullmatch(r"[A-Za-z0-9_]+", name) is not None
+        written = path if named else text
+        pattern = place.pattern(written)
+        there = [pattern] if is_address(pattern) else sorted(glob.glob(pattern, recursive=True))
+        if not there and not _SEVERAL.search(written):
+            unmatched.append(place.path(written))
+        if named and len(there) > 1:
+            raise SettingsError(f"sensor {text!r}: {len(there)} files match, and all would be called {name}")
+        for one in there:
+            sensor = Sensor(name=name if named else sensor_name(one, place._stem), path=one)
+            if one not in (other.path for other in found):
+                found.append(sensor)
+    return found, unmatched
+
+
+def sensor_name(path: str, stem: str) -> str:
+    """What a sensor's file is called: run1_wheel.csv beside run1.mp4 is wheel."""
+    own = PurePosixPath(path).stem
+    rest = own.removeprefix(stem)
+    short = rest.strip(SEPARATORS) if rest[:1] in tuple(SEPARATORS) else ""
+    return _NO_NAME.sub("_", short or own).replace(".", "_").replace("-", "_")
+
+
+def _found(patterns: Sequence[str], folder: Path) -> tuple[list[str], list[str]]:
+    """What patterns match, each one's files by name, and the patterns that match nothing."""
+    found: dict[str, None] = {}
+    missing = []
+    for pattern in patterns:
+        whole = pattern if is_address(pattern) else str(Path(glob.escape(str(folder))) / pattern)
+        there = [whole] if is_address(whole) else sorted(glob.glob(whole, recursive=True))
+        if not there:
+            missing.append(pattern)
+        found |= dict.fromkeys(there)
+    return list(found), missing
+
+
+def _listed(paths: Paths) -> tuple[str, ...]:
+    return (paths,) if isinstance(paths, str) else tuple(paths)
+
+
+def _gone(what: str, path: str) -> list[str]:
+    return [] if Path(path).is_file() else [f"no {what}: there is no {path}"]
+
+
+def _meant(override: _Override, name: str) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in _listed(override.sessions))
+
+
+def _over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """What is said further below, and above it what counts more; tables key by key."""
+    merged = dict(below)
+    for key, value in above.items():
+        old = merged.get(key)
+        merged[key] = _over(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return merged
