@@ -12,7 +12,8 @@ they, in their present form. From 101 on they are of chain, status, checks, sess
 follower, from 181 on of what edges, outline and filter make of what they know beforehand, from 211 on of shading,
 softness, exposure and returns, from 231 on of size, what is hidden, what is elsewhere and pixels, from 301 on of merge,
 from 401 on of output files and of how runs end, from 501 on of what comes from outside, from 601 on of what a person's
-answers change, from 701 on of snap and of markers that nobody seeded, from 764 on of analysis.
+answers change, from 701 on of snap and of markers that nobody seeded, from 764 on of analysis, from 779 on of
+seasons.
 """
 
 import argparse
@@ -57,6 +58,7 @@ INTERRUPT, RECOVER = "tests/test_interrupt.py", "tests/io/test_recover.py"
 KILLS = "tests/abuse/test_kills.py"
 SIZE, MATCHING = "tests/positioning/test_size.py", "tests/verification/test_matching.py"
 ASPECT = "tests/detection/test_aspect.py"
+SEASON, SEASON_RUN = "tests/season/test_season_faults.py", "tests/season/test_season_run.py"
 SPOTS, HUES = "tests/detection/test_spots.py", "tests/detection/test_hues.py"
 PROPOSALS, FOUND = "tests/test_proposals.py", "tests/test_found.py"
 SNAP, AUTO = "tests/test_snap.py", "tests/cli/test_auto.py"
@@ -1623,6 +1625,51 @@ FAULTS = (
         "without_focal(poses, 0.0 if camera is None else camera.focal_sd)",
         "without_focal(poses, 0.0)",
         (ANALYSIS,),
+    ),
+    # -- seasons
+    Fault(
+        779, "season's key: what is in the camera's file does not count", "season/key.py",
+        "*_named_by(plan.settings, settings.camera.file)", "", (SEASON,),
+    ),
+    Fault(
+        780, "season's key: a file that is as large as it was is the same", "season/key.py",
+        "(same.size_bytes, same.mtime_ns) == (size, mtime_ns)", "same.size_bytes == size", (SEASON,),
+    ),
+    Fault(
+        781, "season: what other first circles began is taken up", "season/session.py",
+        "set(base_seeds(answers)) != set(base_seeds(found.answers))",
+        "len(base_seeds(answers)) != len(base_seeds(found.answers))",
+        (SEASON_RUN,),
+    ),
+    Fault(
+        782, "season: run.json stays while other files come into its folder", "season/session.py",
+        "        (self.folder / RUN).unlink(missing_ok=True)\n", "", (SEASON,),
+    ),
+    Fault(
+        783, "season: what the tracking lost is forgotten when it is taken up", "season/session.py",
+        "self._reported(recorded.lost, recorded.notes, False)", "self._reported([], recorded.notes, False)", (SEASON,),
+    ),
+    Fault(
+        784, "season: not analysed as was wanted, and done", "season/session.py",
+        "asked = self.plan.analysis is not None", "asked = False", (SEASON,),
+    ),
+    Fault(
+        785, "season: a session outlives whoever started it", "season/worker.py",
+        "            os.kill(child, signal.SIGKILL)", "            pass", (SEASON,),
+    ),
+    Fault(
+        786, "season: two runs work in one folder", "season/worker.py",
+        "                free = False", "                pass", (SEASON,),
+    ),
+    Fault(
+        787, "season: a second run clears away what the first is at", "season/run.py",
+        "    elif ended.code == BUSY:\n        raise BusyError\n",
+        '    elif ended.code == BUSY:\n        reason = "another run is at work on it"\n',
+        (SEASON,),
+    ),
+    Fault(
+        788, "season: a question goes by the marker, whichever camera sees it", "season/requests.py",
+        'place = f"{camera}/" if camera is not None else ""', 'place = ""', (SEASON,),
     ),
 )  # fmt: skip
 
