@@ -21,6 +21,16 @@ def test_from_videos_to_tables(season):
     again = dataset("init", "videos", "-o", "season.toml", cwd=season)
     assert again.returncode == 2
     assert "exists already" in again.stderr
+    manifest = season / "season.toml"
+    before = manifest.read_bytes()
+    added = dataset("init", "videos", "-o", "season.toml", "--add", cwd=season)
+    assert added.stdout == "0 new sessions -> season.toml (2 there already)\n"
+    assert manifest.read_bytes() == before
+    text = before.decode()
+    manifest.write_text(text[: text.index("[[sessions]]", text.index('name = "anna_v"'))])
+    added = dataset("init", "videos", "-o", "season.toml", "--add", cwd=season)
+    assert "bo_v: v.mp4" in added.stdout
+    assert "1 new session -> season.toml (1 there already)" in added.stdout
     assert "anna_v: not run (v.mp4)" in dataset("list", "season.toml", cwd=season).stdout
 
     done = dataset("run", "season.toml", "-o", "out", cwd=season)
@@ -30,6 +40,11 @@ def test_from_videos_to_tables(season):
     listed = dataset("list", "season.toml", "-o", "out", cwd=season).stdout
     assert "anna_v: done, 100.0% measured (v.mp4)" in listed
     assert "bo_v: failed: no seeds" in listed
+    manifest.write_text(before.decode().replace('name = "bo_v"', 'name = "bo"'))
+    listed = dataset("list", "season.toml", "-o", "out", cwd=season)
+    assert "bo: not run (v.mp4)" in listed.stdout
+    assert listed.stderr == "spheremcap: of no session of the manifest: out/bo_v\n"
+    manifest.write_bytes(before)
     settings = season / "videos" / "anna" / "settings.toml"
     settings.write_text(settings.read_text().replace('"none"', '"full"'))
     assert "anna_v: changed since it was run" in dataset("list", "season.toml", "-o", "out", cwd=season).stdout

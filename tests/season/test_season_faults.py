@@ -20,12 +20,13 @@ from test_season_reach import damaged
 from clips import seed
 from spheremcap import api
 from spheremcap.errors import UsageError
+from spheremcap.interrupt import Interrupted
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.season import key, requests, run, session, worker
 from spheremcap.season.manifest import HowMerged, Plan, Season, Sensor, load_season
 from spheremcap.season.outcome import RUN, TABLES, WORK, Outcome, read_outcome, write_outcome, write_season
 from spheremcap.season.run import BusyError, Doing, SeasonRun, run_one, run_season
-from spheremcap.season.session import Stopped, run_session
+from spheremcap.season.session import run_session
 from spheremcap.season.worker import BUSY, PROGRESS, STOPPED, Ended, Worker, Workers, alone
 
 LONG = 600  # frames of a session that a test has time to interfere with
@@ -256,9 +257,19 @@ def test_without_all_files_in_place_there_is_no_result(made, tmp_path, monkeypat
     assert made(sensors="a/wheel.csv").status == "done"
 
 
+def test_it_stops_while_a_large_input_is_read(made, tmp_path):
+    with (tmp_path / "large.csv").open("wb") as file:
+        file.truncate(1 << 28)
+    lines: list[str] = []
+    with pytest.raises(Interrupted):
+        made(lines.append, lambda: bool(lines), sensors="large.csv")
+    assert lines == ["reading ..."]
+    assert list((tmp_path / "out" / "a").iterdir()) == []
+
+
 def test_stopped_between_two_steps_nothing_has_changed(made, tmp_path):
     lines: list[str] = []
-    with pytest.raises(Stopped):
+    with pytest.raises(Interrupted):
         made(lines.append, lambda: any("tracking" in line for line in lines))
     assert list((tmp_path / "out" / "a").iterdir()) == []
 

@@ -38,35 +38,51 @@ def init(
     folder: Annotated[Path, typer.Argument(help="Where the videos and logs are, folders in it too.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The manifest to write: season.toml")],
     overwrite: Overwrite = False,
+    add: Annotated[
+        bool, typer.Option("--add", help="Add what is new to a manifest that is there; all that it says stays.")
+    ] = False,
 ) -> None:
     """Find the sessions in a folder: videos (a GoPro's chapters together), the sensors' logs that belong to them by
     name or time, settings and seeds; and write them into a manifest that you can read and edit.
 
-    What is missing for each is listed here and stands in the manifest.
+    What is missing for each is listed here and stands in the manifest. When more videos have come, --add puts their
+    sessions at its end.
 
         spheremcap dataset init videos/ -o season.toml
     """
     from spheremcap.io.output import whole_file
     from spheremcap.season.finding import find_sessions
-    from spheremcap.season.proposed import manifest_text
+    from spheremcap.season.manifest import load_season
+    from spheremcap.season.proposed import added_text, manifest_text, not_yet_in
 
+    if add and overwrite:
+        raise UsageError("--overwrite makes the manifest anew, --add keeps what it says: give one of them")
     loaded()
+    known = load_season(output) if add and output.exists() else None
     with bar("files") as shown:
         task = shown.add_task("looking", total=None)
         found = find_sessions(
             folder, output, progress=lambda done, total: shown.update(task, completed=done, total=total)
         )
-    with whole_file(output, overwrite=overwrite) as part:
-        part.path.write_text(manifest_text(found, folder, output), encoding="utf-8")
+    if known is not None:
+        found = not_yet_in(output, known, found)
+    if known is None or found.sessions:
+        text = manifest_text(found, folder, output) if known is None else added_text(found, output)
+        with whole_file(output, overwrite=overwrite or add) as part:
+            part.path.write_text(text, encoding="utf-8", newline="")
     for session in found.sessions:
         chapters = f", {len(session.videos)} chapters" if len(session.videos) > 1 else ""
         sensors = f", {', '.join(name for name, _, _ in session.sensors)}" if session.sensors else ""
         print(printable(f"{session.name}: {session.videos[0].name}{chapters}{sensors}"))
         for line in (*session.missing, *session.notes):
             print(printable(f"    {line}"))
-    for line in (*found.leftovers, *found.notes):
+    for line in (*(left.line for left in found.leftovers), *found.notes):
         warn(line)
-    print(f"{len(found.sessions)} session{'s' * (len(found.sessions) != 1)} -> {output}")
+    many = f"session{'s' * (len(found.sessions) != 1)}"
+    if known is None:
+        print(f"{len(found.sessions)} {many} -> {output}")
+    else:
+        print(f"{len(found.sessions)} new {many} -> {output} ({len(known.plans)} there already)")
 
 
 @app.command(name="list")
@@ -79,9 +95,10 @@ def list_(
     """Say of each session what it is made from, and whether it is done, has changed, failed or was never run."""
     from spheremcap.season.key import is_done
     from spheremcap.season.manifest import load_season
-    from spheremcap.season.outcome import read_outcome
+    from spheremcap.season.outcome import others_in, read_outcome
 
-    for plan in load_season(manifest).plans:
+    season = load_season(manifest)
+    for plan in season.plans:
         outcome = read_outcome(output / plan.name) if output is not None else None
         if outcome is None:
             state = "not run"
@@ -95,6 +112,8 @@ def list_(
         print(printable(f"{plan.name}: {state} ({', '.join(made_from) or 'no video'})"))
         for line in (*plan.missing, *([plan.seedless] if plan.seedless and outcome is None else [])):
             print(printable(f"    {line}"))
+    if output is not None and (others := others_in(output, season)):
+        warn(f"of no session of the manifest: {', '.join(str(folder) for folder in others)}")
 
 
 @app.command()

@@ -17,13 +17,7 @@ _COMMA = re.compile(r"=\s*[-+]?\d+,\d")
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The tables of a TOML file; a byte order mark is passed over. Raises SettingsError."""
-    path = Path(path)
-    data = settings_bytes(path, "a TOML file", _LARGEST_TOML_BYTES)
-    utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
-    try:
-        text = data.decode("utf-16" if utf16 else "utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise SettingsError(f"{path}: not TOML: byte {error.start} is not UTF-8 text; save it as UTF-8") from error
+    text = toml_text(path)
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -33,6 +27,17 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
         wrong = text.splitlines()[int(line[1]) - 1] if line is not None else ""
         hint = "; decimals have a point, as in 0.04" if _COMMA.search(wrong) else ""
         raise SettingsError(f"{path}: not TOML: {short(error)}{hint}") from error
+
+
+def toml_text(path: str | os.PathLike[str]) -> str:
+    """The text of a TOML file without its byte order mark, line ends as they are. Raises SettingsError."""
+    path = Path(path)
+    data = settings_bytes(path, "a TOML file", _LARGEST_TOML_BYTES)
+    utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
+    try:
+        return data.decode("utf-16" if utf16 else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"{path}: not TOML: byte {error.start} is not UTF-8 text; save it as UTF-8") from error
 
 
 def first_problem(error: ValidationError, known_keys: str = "") -> str:

@@ -4,7 +4,7 @@ on. They are copied to where a session is made, and read there like any other.
 
 import hashlib
 import importlib
-import shutil
+from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -29,14 +29,17 @@ def looked_at(address: str) -> tuple[int, int]:
         raise _gone(address, error) from error
 
 
-def fetched(address: str, folder: Path) -> Path:
-    """A copy of what is there, in `folder`, by its own name. Raises SourceError, UsageError."""
+def fetched(address: str, folder: Path, going_on: Callable[[], None] = lambda: None) -> Path:
+    """A copy of what is there, in `folder`, by its own name. `going_on` is called meanwhile, and may raise. Raises
+    SourceError, UsageError."""
     filesystem, place = _there(address)
     folder.mkdir(parents=True)
     path = folder / PurePosixPath(place).name
     try:
         with filesystem.open(place, "rb") as there, path.open("wb") as here:
-            shutil.copyfileobj(there, here, _COPIED_BYTES)
+            while part := there.read(_COPIED_BYTES):
+                here.write(part)
+                going_on()
     except Exception as error:
         raise _gone(address, error) from error
     return path

@@ -9,17 +9,14 @@ import itertools
 import os
 import re
 import shlex
-import tempfile
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-import av
 import numpy as np
 import tomli_w
 
@@ -30,26 +27,20 @@ from spheremcap.io.folder import PICTURE_ENDINGS, PictureFolder
 from spheremcap.io.mcap_images import calibration_topics, image_topics
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.io.recording import STATE, schema_names
-from spheremcap.io.video import open_video, start_of
 from spheremcap.merging.clock import format_offset
 from spheremcap.merging.mapping import UnreadTableError
 from spheremcap.merging.sensors import TABLE_ENDINGS, read_sensors
 from spheremcap.merging.tables import open_table
 from spheremcap.merging.times import YEAR_2000_NS
+from spheremcap.season.heads import Facts, head_of, is_ours, is_output, joined, span_of, video_facts
 from spheremcap.season.manifest import NAME, SEPARATORS, sensor_name, session_name
-from spheremcap.season.outcome import RECORDING, RUN, TABLES, read_outcome
+from spheremcap.season.outcome import TABLES
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv", ".webm", ".3gp")
-_TEXTS = (".csv", ".tsv", ".txt", ".data")
 _DEVICE = ("sensors", "inertial")
 """A folder with a table of this name (x-io's) is one device's, and merged as one."""
-_OURS = (".events.csv", ".strokes.csv", ".mean_cycle.csv")
 _MARKED = re.compile(r"(.*[._ -])?marked", re.IGNORECASE)
 _NO_TABLE = "no row of numbers"
-_CHAPTER = re.compile(
-    r"(GOPR|GP(?P<old>\d\d)|(?P<kind>G[HXL])(?P<new>\d\d))(?P<number>\d{4})", re.ASCII | re.IGNORECASE
-)
-_HEAD_BYTES = 64 << 10
 _APART_S = 2
 """Creation times are whole seconds: chapters that are farther off by them do not follow one another."""
 _QUARTER_NS = 900 * NS_PER_S
@@ -94,12 +85,19 @@ class Found:
     notes: tuple[str, ...] = ()
 
 
+class Left(NamedTuple):
+    """A file that is in no session; `line` names it and says why."""
+
+    path: Path
+    line: str
+
+
 @dataclass(frozen=True)
 class Finding:
-    """What a folder has: its sessions by name, what is in none of them and why, a line each, and what else is odd."""
+    """What a folder has: its sessions by name, what is in none of them by path, and what else is odd, a line each."""
 
     sessions: tuple[Found, ...]
-    leftovers: tuple[str, ...] = ()
+    leftovers: tuple[Left, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -150,7 +148,7 @@ class _Draft:
     chapters_missing: list[str] = field(default_factory=list)
     none: bool = False
     """It turned out to be no session."""
-    facts: "_Facts" = field(default_factory=lambda: _Facts())
+    facts: Facts = field(default_factory=Facts)
     beside: dict[Kind, Path] = field(default_factory=dict)
     sensors: list[FoundSensor] = field(default_factory=list)
     unread: set[str] = field(default_factory=set)
@@ -166,17 +164,6 @@ class _Draft:
         return self.videos[0].stem
 
 
-@dataclass(frozen=True)
-class _Facts:
-    """What a video says of itself, as in Found; `camera`: it has its calibration with it."""
-
-    start_ns: int | None = None
-    duration_s: float | None = None
-    size: tuple[int, int] | None = None
-    rate: Fraction | None = None
-    camera: bool = False
-
-
 class _Search:
     """What was found below `root` so far; a manifest in `base` would name it."""
 
@@ -185,7 +172,7 @@ class _Search:
         self.drafts: list[_Draft] = []
         self.tables: list[Path] = []
         """Files that merging could read, and folders of devices."""
-        self.leftovers: list[str] = []
+        self.leftovers: list[Left] = []
         self._recordings = 0  # of ours
         self.notes: list[str] = []
         self._settings = cache(_settings)
@@ -200,7 +187,7 @@ class _Search:
     def _leave(self, path: Path, why: str) -> None:
         """A file that is in no session."""
         place = f"{self.shown(path)}: "
-        self.leftovers.append(place + why.removeprefix(place))
+        self.leftovers.append(Left(path, place + why.removeprefix(place)))
 
     # --- what there is ---
 
@@ -222,7 +209,7 @@ class _Search:
                 continue
             readable = [(folder / name, is_dir, link) for name, is_dir, link in listed if self._is_text(folder, name)]
             folders = [(path, link) for path, is_dir, link in readable if is_dir]
-            outputs = {path for path, _ in folders if _is_output(path)}
+            outputs = {path for path, _ in folders if is_output(path)}
             if outputs:
                 self.notes.append(f"{self.shown(folder)}: results of sessions in it are left out: {len(outputs)}")
             for path, link in folders:
@@ -252,7 +239,7 @@ class _Search:
             return [path for path in files if path.suffix.lower() in endings]
 
         videos = [path for path in ending(VIDEOS) if self._is_new(path)]
-        for group, absent in _joined(videos):
+        for group, absent in joined(videos):
             self.drafts.append(_Draft(group, folder, "video", absent))
         self.drafts += [_Draft([path], folder, "mcap") for path in ending([".mcap"])]
         pictures = ending(PICTURE_ENDINGS)
@@ -261,7 +248,7 @@ class _Search:
             self.drafts.append(_Draft([folder], home, "pictures"))
         elif len(pictures) > 1:
             self.notes.append(f"{self.shown(folder)}: {len(pictures)} pictures beside videos are taken for no session")
-        tables = [path for path in ending(TABLE_ENDINGS) if not _is_ours(path)] if videos or not results else []
+        tables = [path for path in ending(TABLE_ENDINGS) if not is_ours(path)] if videos or not results else []
         if folder != self.root and not videos and any(path.stem.lower() in _DEVICE for path in tables):
             tables = [folder]
         self.tables += tables
@@ -299,10 +286,10 @@ class _Search:
     def _look_into_videos(self, draft: _Draft) -> None:
         if draft.chapters_missing:
             draft.notes.append(f"chapters that are not here: {', '.join(draft.chapters_missing)}")
-        seen: list[tuple[Path, _Facts]] = []
+        seen: list[tuple[Path, Facts]] = []
         for video in draft.videos:
             try:
-                seen.append((video, _video_facts(video)))
+                seen.append((video, video_facts(video)))
             except SourceError as error:
                 draft.missing.append(f"video: {self._plain(error)}")
         if len(seen) < len(draft.videos):
@@ -330,7 +317,7 @@ class _Search:
         folder = draft.videos[0]
         try:
             with PictureFolder(folder, Fraction(1)) as pictures:
-                draft.facts = _Facts(size=(pictures.width_px, pictures.height_px))
+                draft.facts = Facts(size=(pictures.width_px, pictures.height_px))
                 draft.notes += pictures.notes
         except UsageError as error:
             draft.none = True
@@ -352,7 +339,7 @@ class _Search:
                 draft.missing.append(f'topic: which of {there}, as in topic = "{topics[0].topic}"')
             first_ns, last_ns = records.span_ns or (0, 0)
             known = YEAR_2000_NS <= first_ns <= last_ns
-            draft.facts = _Facts(
+            draft.facts = Facts(
                 first_ns if known else None, (last_ns - first_ns) / NS_PER_S if known else None,
                 camera=bool(calibration_topics(records)),
             )  # fmt: skip
@@ -443,7 +430,7 @@ class _Search:
         spans: dict[Path, tuple[int, int]] = {}
         for path in paths:
             try:
-                span = _span(path)
+                span = span_of(path)
             except (SpheremcapError, OSError) as error:
                 self._leave(path, self._plain(error))
                 continue
@@ -484,7 +471,7 @@ class _Search:
         """A log as the session's, unless it is a text that happens to lie there."""
         begins = path.name[: len(draft.stem)]
         wanted = sensor_name(path.as_posix(), begins if begins.casefold() == draft.stem.casefold() else draft.stem)
-        name = _free(wanted, {sensor.name for sensor in draft.sensors})
+        name = free(wanted, {sensor.name for sensor in draft.sensors})
         problem, absolute = (None, True) if why == "by time" else self._understood(path, name)
         if problem is not None and path.suffix.lower() == ".txt" and _NO_TABLE in problem:
             self._leave(path, problem)
@@ -513,7 +500,7 @@ class _Search:
 
     def _understood(self, path: Path, name: str) -> tuple[str | None, bool]:
         """Why a log cannot be merged as it is (None: it can), and whether its times count from 1970, by its head."""
-        with _head(path) as (head, before):
+        with head_of(path) as (head, before):
             try:
                 if path.suffix.lower() == ".xlsx":  # of which reading all takes long
                     open_table(path)
@@ -542,7 +529,7 @@ class _Search:
             video = draft.videos[0]
             name = session_name(video, self.root if video != self.root else self.root.parent)
             name = name if re.fullmatch(NAME, name) else "session"
-            names.add((name := _free(name, names)).casefold())
+            names.add((name := free(name, names)).casefold())
             facts, beside = draft.facts, draft.beside
             if draft.absolute and facts.start_ns is None:
                 draft.missing.append(
@@ -569,60 +556,6 @@ def real_path(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
-def _is_output(folder: Path) -> bool:
-    """Whether a folder is a session's result."""
-    there = os.path.isfile(folder / RUN)
-    return there and (os.path.isfile(folder / RECORDING) or read_outcome(folder) is not None)
-
-
-def _is_ours(path: Path) -> bool:
-    """Whether a table was written by us (truth, events, exports), or is no file that could be read as one."""
-    try:
-        if (path.exists() and not path.is_file()) or path.name.lower().endswith(_OURS):
-            return True
-        if path.suffix.lower() == ".parquet":
-            names = set(open_table(path).names)
-        else:
-            with path.open("rb") as file:
-                head = file.read(_HEAD_BYTES)
-            if path.suffix.lower() == ".c3d":
-                return b"SPHEREMCAP" in head
-            names = set(re.split("[,;]", head.decode("utf-8-sig", "replace").partition("\n")[0].strip()))
-    except (OSError, SpheremcapError):  # which will be said
-        return False
-    return "marker" in names and not names.isdisjoint({"stamp_ns", "UTC"})
-
-
-@contextmanager
-def _head(path: Path) -> Iterator[tuple[Path, str]]:
-    """A log, or a device's folder, of which only the beginning is there, where that is text: where, and what stands
-    before the file's own path there."""
-    there = path.rglob("*") if os.path.isdir(path) else [path]
-    texts = [text for text in there if text == path or (text.suffix.lower() in TABLE_ENDINGS and os.path.isfile(text))]
-    if not all(text.suffix.lower() in _TEXTS for text in texts):
-        yield path, ""
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        for text in texts:
-            copy = Path(f"{folder}{text}")  # makers are told by the names of files and folders
-            copy.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                with text.open("rb") as file:
-                    head = file.read(_HEAD_BYTES)
-            except OSError:  # reading it says why
-                yield path, ""
-                return
-            cut = head.rfind(b"\n") + 1 if len(head) == _HEAD_BYTES else 0
-            copy.write_bytes(head[: cut or len(head)])
-        yield Path(f"{folder}{path}"), folder
-
-
-def _span(path: Path) -> tuple[int, int] | None:
-    """First and last stamp (Unix time, ns) of a log; None where its times count from something else."""
-    logs = [log for log in read_sensors(path) if log.timing.zero == "1970" and len(log)]
-    return (min(int(log.stamp_ns[0]) for log in logs), max(int(log.stamp_ns[-1]) for log in logs)) if logs else None
-
-
 def _settings(path: Path) -> Settings | str:
     """A settings file, or what is wrong with it."""
     try:
@@ -631,52 +564,13 @@ def _settings(path: Path) -> Settings | str:
         return str(error)
 
 
-def _video_facts(path: Path) -> _Facts:
-    """What a container's head says. Raises SourceError."""
-    container, stream = open_video(path)
-    with container:
-        start_ns, source = start_of(container, stream, None)
-        length_s: Fraction | None = None
-        if stream.duration and stream.time_base:
-            length_s = stream.duration * stream.time_base
-        elif container.duration:
-            length_s = Fraction(container.duration, av.time_base)
-        size = (stream.codec_context.width, stream.codec_context.height)
-        return _Facts(
-            None if source == "zero" else start_ns, None if length_s is None else float(length_s), size,
-            stream.average_rate or None,
-        )  # fmt: skip
-
-
-def _joined(videos: Sequence[Path]) -> list[tuple[list[Path], list[str]]]:
-    """Videos of one folder, chapters of one recording of a GoPro's together: in order, and the names of those that
-    are missing."""
-    chapters: dict[tuple[str, str, str], dict[int, Path]] = defaultdict(dict)
-    found: list[tuple[list[Path], list[str]]] = []
-    for video in videos:
-        told = _CHAPTER.fullmatch(video.stem)
-        if told is None:
-            found.append(([video], []))
-            continue
-        of = ((told["kind"] or "").upper(), told["number"], video.suffix.lower())
-        if chapters[of].setdefault(int(told["new"] or told["old"] or 0), video) is not video:
-            found.append(([video], []))
-    for (kind, number, _), own in chapters.items():
-        ending = next(iter(own.values())).suffix
-        absent = [at for at in range(1 if kind else 0, max(own)) if at not in own]
-        begins = [f"{kind or 'GP'}{at:02}" if kind or at else "GOPR" for at in absent]
-        names = [f"{begin}{number}{ending}" for begin in begins]
-        found.append(([own[at] for at in sorted(own)], names))
-    return found
-
-
 def _of_name(name: str, stems: Mapping[str, list[_Draft]]) -> list[_Draft]:
     """Those whose name it begins with, the longest that there is, and a separator behind it."""
     ends = [k for k in range(len(name), 0, -1) if k == len(name) or name[k] in SEPARATORS]
     return next((stems[begin] for k in ends if (begin := name[:k].casefold()) in stems), [])
 
 
-def _free(wanted: str, taken: set[str]) -> str:
+def free(wanted: str, taken: set[str]) -> str:
     """The name, or with a number behind it where it is taken; case does not count."""
     folded = {other.casefold() for other in taken}
     numbered = (wanted if n == 1 else f"{wanted[:90]}_{n}" for n in itertools.count(1))

@@ -20,6 +20,8 @@ from spheremcap.season.addresses import is_address, looked_at
 from spheremcap.season.manifest import Plan
 from spheremcap.season.outcome import InputFile, Outcome
 
+_READ_BYTES = 16 << 20
+
 
 @dataclass(frozen=True)
 class Given:
@@ -37,10 +39,15 @@ class Given:
     """Key of all."""
 
 
-def given(plan: Plan, known: Outcome | None, local: Callable[[str], Path] | None) -> Given | None:
+def given(
+    plan: Plan,
+    known: Outcome | None,
+    local: Callable[[str], Path] | None,
+    going_on: Callable[[], None] = lambda: None,
+) -> Given | None:
     """What decides the session's result. `known` is how it ended before: a file that looks as it did then is not read
     again. `local` gives the path of an input, where that is an address a copy's; without it no other is read either,
-    and None is returned where there are some.
+    and None is returned where there are some. `going_on` is called while a file is read, and may raise.
 
     Raises SettingsError for what is wrong in settings, seeds or manifest, SourceError for a file that is not there.
     """
@@ -67,7 +74,9 @@ def given(plan: Plan, known: Outcome | None, local: Callable[[str], Path] | None
         elif local is None:
             return None
         else:
-            files[path] = InputFile(path=path, size_bytes=size, mtime_ns=mtime_ns, sha256=_content(local(path)))
+            files[path] = InputFile(
+                path=path, size_bytes=size, mtime_ns=mtime_ns, sha256=_content(local(path), going_on)
+            )
     tracked = key_of(
         VERSION, plan.name, settings.to_toml(), plan.auto, plan.start_time, plan.rate, plan.topic,
         *_contents(tracked_files, files),
@@ -143,16 +152,20 @@ def _look(path: str) -> tuple[int, int]:
     return sum(s.st_size for s in states), max((s.st_mtime_ns for s in states), default=0)
 
 
-def _content(path: Path) -> str:
+def _content(path: Path, going_on: Callable[[], None]) -> str:
     """SHA-256 of a file; of a folder, of its files' names and contents."""
     if path.is_file():
-        return _digest(path)
-    return key_of(*(text for m in _members(path) for text in (m.relative_to(path).as_posix(), _digest(m))))
+        return _digest(path, going_on)
+    return key_of(*(text for m in _members(path) for text in (m.relative_to(path).as_posix(), _digest(m, going_on))))
 
 
-def _digest(path: Path) -> str:
+def _digest(path: Path, going_on: Callable[[], None]) -> str:
+    whole = hashlib.sha256()
     try:
         with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+            while part := file.read(_READ_BYTES):
+                whole.update(part)
+                going_on()
     except OSError as error:
         raise SourceError(f"{path}: cannot be read: {error.strerror}") from error
+    return whole.hexdigest()

@@ -172,6 +172,12 @@ def write_outcome(folder: Path, outcome: Outcome) -> None:
     write_durably(folder / RUN, outcome.model_dump_json(indent=1) + "\n")
 
 
+def others_in(out: Path, season: Season) -> list[Path]:
+    """Folders of sessions that the season does not have any more, or calls otherwise."""
+    names = {plan.name for plan in season.plans}
+    return sorted(run.parent for run in out.glob(f"*/{RUN}") if run.parent.name not in names)
+
+
 def write_season(out: Path, season: Season) -> None:
     """Note in the output's folder which sessions there are, run or not. Raises OutputError."""
     write_durably(out / SEASON, season.model_dump_json(indent=1) + "\n")

@@ -1,12 +1,18 @@
-"""The manifest that `dataset init` proposes: what was found, in words that a person reads and changes."""
+"""The manifest that `dataset init` proposes: what was found, in words that a person reads and changes; and what it
+adds to one that somebody has changed already."""
 
 import glob
+import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from spheremcap.errors import printable
-from spheremcap.season.finding import Finding, Found, FoundSensor, quoted, real_path, times, when, written
-from spheremcap.season.manifest import sensor_name
+from spheremcap.errors import SettingsError, printable
+from spheremcap.io.toml_file import read_toml, toml_text
+from spheremcap.season.addresses import is_address
+from spheremcap.season.finding import Finding, Found, FoundSensor, free, quoted, real_path, times, when, written
+from spheremcap.season.manifest import Season, sensor_name
 
 _PREFACE = """\
 # Edit this file as you like. A line that begins with # and no blank behind it is an example: take the # away.
@@ -17,6 +23,12 @@ _PREFACE = """\
 # ending, and the session's name. {stem}.settings.toml and {stem}.seeds.toml beside the video need not be named; such
 # settings count more than those of [defaults].
 """
+
+_ANSWERS = {
+    "settings": ("settings", "camera"), "auto": ("seeds",), "rate": ("rate",), "topic": ("topic",),
+    "start_time": ("start time",),
+}  # fmt: skip
+"""Keys of a manifest, and what is not missing any more where they are said."""
 
 
 def manifest_text(found: Finding, folder: Path, manifest: Path, season_name: str = "") -> str:
@@ -45,10 +57,62 @@ def manifest_text(found: Finding, folder: Path, manifest: Path, season_name: str
         lines += ["", *_session_lines(session, base, shared)]
     if found.leftovers:
         lines += ["", *_comments("In no session:")]
-        lines += _comments(*found.leftovers)
+        lines += _comments(*(left.line for left in found.leftovers))
     if found.notes:
         lines += ["", *_comments(*found.notes)]
     return "\n".join(lines) + "\n"
+
+
+def not_yet_in(manifest: Path, season: Season, found: Finding) -> Finding:
+    """What was found and is in no session of a manifest: sessions by names that are free in it, without what its
+    [defaults] say for them, and left-over files that no session of it merges. A chapter that came to a recording later
+    is one of the notes."""
+    owner = {_real(video): plan.name for plan in season.plans for video in plan.videos}
+    merged = {_real(sensor.path) for plan in season.plans for sensor in plan.sensors}
+    names = {plan.name for plan in season.plans}
+    said = read_toml(manifest).get("defaults", {})
+    new, notes = [], list(found.notes)
+    for session in found.sessions:
+        if known := [owner[video] for path in session.videos if (video := real_path(path)) in owner]:
+            more = [path.name for path in session.videos if real_path(path) not in owner]
+            notes += [f"{known[0]}: of its recording is {', '.join(more)}, too: add to its video"] if more else []
+        else:
+            names.add(name := free(session.name, names))
+            new.append(replace(_with(said, session), name=name))
+    leftovers = tuple(left for left in found.leftovers if real_path(left.path) not in merged)
+    return Finding(tuple(new), leftovers, tuple(notes))
+
+
+def _with(said: Mapping[str, Any], session: Found) -> Found:
+    """A session that does not lack what `[defaults]` say."""
+    mapped = {name for name, how in said.get("merge", {}).items() if "mapping" in how}
+    answered = {word for key, words in _ANSWERS.items() if said.get(key) for word in words}
+    answered |= {f"sensor {name}" for name in mapped}
+    missing = tuple(line for line in session.missing if line.partition(":")[0] not in answered)
+    return replace(session, unread=session.unread - mapped, missing=missing)
+
+
+def added_text(found: Finding, manifest: Path) -> str:
+    """The text of a manifest, as it stands, with what was found as sessions at its end. Raises SettingsError where it
+    has none that others can be put behind."""
+    base = real_path(manifest).parent
+    said = read_toml(manifest).get("defaults", {})
+    shared = {kind: base / said[kind] for kind in ("settings", "analysis") if kind in said}
+    text = toml_text(manifest)
+    end = "\r\n" if "\r\n" in text else "\n"
+    lines = [line for session in found.sessions for line in ("", *_session_lines(session, base, shared))]
+    whole = text + end * (not text.endswith("\n")) + "".join(line + end for line in lines)
+    try:
+        tomllib.loads(whole)
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(
+            f"{manifest}: nothing can be added to it ({error}): begin each session with [[sessions]]"
+        ) from error
+    return whole
+
+
+def _real(path: str) -> Path | None:
+    return None if is_address(path) else real_path(Path(path))
 
 
 def _shared(found: Finding, kind: str, root: Path) -> Path | None:

@@ -17,6 +17,7 @@ from spheremcap import api
 from spheremcap.core.estimate import Status
 from spheremcap.corrections.run import named_answers, runs_in
 from spheremcap.errors import OutputError, SpheremcapError, UsageError
+from spheremcap.interrupt import Interrupted
 from spheremcap.io.chapters import write_list
 from spheremcap.io.join import Join, McapStream
 from spheremcap.io.layout import layout_path, write_layout
@@ -55,17 +56,13 @@ Progress = Callable[[str, int, int | None], None]
 """Called with the step that is worked at, how much of it is done, and of how much (None: nobody knows)."""
 
 
-class Stopped(Exception):
-    """Whoever runs it wants it to end; nothing has changed."""
-
-
 def run_session(
     plan: Plan, folder: Path, *, progress: Progress, say: Callable[[str], None], stop: Callable[[], bool]
 ) -> Outcome:
     """Make a session's result in its folder, where it is not there already, and say how it ended.
 
-    What the session itself is to blame for is an outcome that failed. `say` gets lines for its log. Raises Stopped
-    where `stop` says so, OutputError where nothing can be written.
+    What the session itself is to blame for is an outcome that failed. `say` gets lines for its log. Raises
+    Interrupted where `stop` says so, and nothing has changed then; OutputError where nothing can be written.
     """
     before = read_outcome(folder)
     work = folder / WORK
@@ -104,7 +101,7 @@ class _Making:
         """Make what is not there yet."""
         plan, before = self.plan, self.before
         with self._step("reading"):
-            found = given(plan, before, self._local)
+            found = given(plan, before, self._local, self._go_on)
         assert found is not None  # as everything may be read
         inputs = tuple(found.files[path] for path in sorted(found.files))
         if before is not None and before.status != "failed" and before.key == found.key and is_whole(self.folder):
@@ -377,8 +374,13 @@ class _Making:
         if not is_address(path):
             return Path(path)
         if path not in self.copies:
-            self.copies[path] = fetched(path, self.folder / WORK / "inputs" / str(len(self.copies)))
+            self.copies[path] = fetched(path, self.folder / WORK / "inputs" / str(len(self.copies)), self._go_on)
         return self.copies[path]
+
+    def _go_on(self) -> None:
+        """Raises Interrupted where whoever runs it wants it to end."""
+        if self.stop():
+            raise Interrupted
 
     def _made(self, name: str) -> Path:
         """A folder in the work folder."""
@@ -387,9 +389,10 @@ class _Making:
         return folder
 
     def _reported(self, lost: Iterable[str], notes: Iterable[str], stopped: bool) -> None:
-        """Take over what a step says. Raises Stopped."""
-        if stopped or self.stop():
-            raise Stopped
+        """Take over what a step says. Raises Interrupted."""
+        if stopped:
+            raise Interrupted
+        self._go_on()
         for lines, own in ((self.lost, lost), (self.notes, notes)):
             for line in own:
                 lines.append(line.replace(f"{self.folder / WORK}/", ""))

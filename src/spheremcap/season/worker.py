@@ -229,7 +229,7 @@ def _run(plan: Plan, folder: Path) -> int:
     """A session, in its own process; its exit code."""
     from spheremcap.errors import printable
     from spheremcap.interrupt import Interrupt, Interrupted
-    from spheremcap.season.session import Stopped, run_session
+    from spheremcap.season.session import run_session
 
     began, shown_s = time.monotonic(), 0.0
 
@@ -258,7 +258,7 @@ def _run(plan: Plan, folder: Path) -> int:
             with Interrupt() as interrupted:
                 run_session(plan, folder, progress=progress, say=say, stop=interrupted)
         return 0
-    except (Stopped, Interrupted, KeyboardInterrupt):
+    except (Interrupted, KeyboardInterrupt):
         print("stopped", flush=True)
         return STOPPED
     except BaseException:
