@@ -185,13 +185,28 @@ def start(manifest: Path, out: Path, *more: str) -> "subprocess.Popen[str]":
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def test_ctrl_c_ends_what_is_in_work_and_the_same_command_goes_on(tmp_path):
+def ctrl_c(process: subprocess.Popen[str], session: int) -> None:
+    process.send_signal(signal.SIGINT)
+
+
+def all_at_once(process: subprocess.Popen[str], session: int) -> None:
+    """As SLURM's scancel does it."""
+    worker = int(Path(f"/proc/{session}/stat").read_text().rpartition(")")[2].split()[1])
+    assert worker != process.pid
+    for pid in (worker, session, process.pid):
+        os.kill(pid, signal.SIGTERM)
+
+
+@pytest.mark.parametrize(
+    "end", [ctrl_c, pytest.param(all_at_once, marks=pytest.mark.skipif(not Path("/proc").is_dir(), reason="no /proc"))]
+)
+def test_what_is_in_work_is_ended_and_the_same_command_goes_on(tmp_path, end):
     out = tmp_path / "out"
     said = {name: write_session(tmp_path / name, LONG) for name in ("one", "two")}
     manifest = write_manifest(tmp_path, said | {"short": write_session(tmp_path / "short")})
     process = start(manifest, out, "--workers", "1")
     pid = in_work(out, "one")
-    process.send_signal(signal.SIGINT)
+    end(process, pid)
     stdout, stderr = process.communicate(timeout=60)
     assert process.returncode == 1
     assert "the same command goes on" in stderr

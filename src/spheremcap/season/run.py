@@ -215,7 +215,7 @@ def run_season(
     doing = Doing(sizes)
     others: list[str] = []
     stop_file = out / f".stop-{token_hex(4)}"
-    stopped = False
+    stopped = asked = False
     futures: dict[Future[Outcome | None], Plan] = {}
     try:
         for plan in sorted(todo, key=lambda plan: -sizes[plan.name]):
@@ -230,14 +230,14 @@ def run_season(
                 except BusyError:
                     others.append(plan.name)
                     continue
-                if outcome is None:
+                if outcome is None:  # perhaps somebody ended this one alone
                     stopped = True
                 else:
                     doing.ended[plan.name] = outcome
                     doing.working.pop(plan.name, None)
                     ended(outcome)
-            if not stopped and stop():
-                stopped = True
+            if not asked and stop():
+                stopped = asked = True
                 stop_file.touch()
             doing.working = _working(out, [futures[future] for future in left])
             show(doing)

@@ -76,7 +76,8 @@ class Worker:
             if ready:
                 line = self._process.stdout.readline()
                 if not line:  # it was killed itself
-                    return Ended(self._process.wait(), None, hung)
+                    code = self._process.wait()
+                    return Ended(STOPPED if -code in SIGNALS else code, None, hung)
                 told = json.loads(line)
                 ended_by_us = asked_s is not None and told["code"] < 0
                 return Ended(STOPPED if ended_by_us else told["code"], told["peak_mb"], hung)
@@ -140,6 +141,8 @@ class Workers:
 
 def main() -> None:
     """Run what is asked for on stdin until it ends."""
+    for number in SIGNALS:  # who ends all processes of a run at once, as SLURM does, has told the session itself
+        signal.signal(number, signal.SIG_IGN)
     answers = os.dup(1)
     os.dup2(2, 1)  # whatever prints does not answer
     lines = _Lines(0)
