@@ -11,6 +11,11 @@ from typing import Any
 from spheremcap.errors import SourceError, UsageError, short
 
 _COPIED_BYTES = 8 << 20
+_MARKS = (
+    "ETag", "etag", "Content-MD5", "Digest", "md5Hash", "crc32c", "generation", "VersionId", "Last-Modified",
+    "LastModified", "last_modified", "modified", "updated", "mtime",
+)  # fmt: skip
+"""What keepers say of a file that is another one when its content is; others count when it was read."""
 
 
 def is_address(path: str) -> bool:
@@ -23,8 +28,11 @@ def looked_at(address: str) -> tuple[int, int]:
     (date, version, checksum). Raises SourceError, UsageError."""
     filesystem, place = _there(address)
     try:
-        mark = hashlib.sha256(str(filesystem.ukey(place)).encode()).digest()
-        return int(filesystem.size(place) or 0), int.from_bytes(mark[:7], "big")
+        filesystem.invalidate_cache()
+        told = filesystem.info(place)
+        said = [f"{key}: {told[key]}" for key in _MARKS if told.get(key) is not None] or filesystem.ukey(place)
+        mark = hashlib.sha256(str(said).encode()).digest()
+        return int(told.get("size") or 0), int.from_bytes(mark[:7], "big")
     except Exception as error:
         raise _gone(address, error) from error
 
@@ -35,8 +43,9 @@ def fetched(address: str, folder: Path, going_on: Callable[[], None] = lambda: N
     filesystem, place = _there(address)
     folder.mkdir(parents=True)
     path = folder / PurePosixPath(place).name
+    whole = {"block_size": 0} if address.startswith(("http://", "https://")) else {}  # not every server gives parts
     try:
-        with filesystem.open(place, "rb") as there, path.open("wb") as here:
+        with filesystem.open(place, "rb", **whole) as there, path.open("wb") as here:
             while part := there.read(_COPIED_BYTES):
                 here.write(part)
                 going_on()
@@ -62,5 +71,6 @@ def _there(address: str) -> tuple[Any, str]:
 def _gone(address: str, error: Exception) -> SourceError:
     """Every keeper has errors of its own."""
     if isinstance(error, FileNotFoundError):
-        return SourceError(f"{address}: nothing is there; check the address")
+        cause = "" if error.__cause__ is None else f" ({short(error.__cause__)})"  # a server that does not answer, too
+        return SourceError(f"{address}: nothing is there{cause}; check the address")
     return SourceError(f"{address}: cannot be read: {type(error).__name__}: {short(error)}")
