@@ -175,7 +175,10 @@ def write_outcome(folder: Path, outcome: Outcome) -> None:
 def others_in(out: Path, season: Season) -> list[Path]:
     """Folders of sessions that the season does not have any more, or calls otherwise."""
     names = {plan.name for plan in season.plans}
-    return sorted(run.parent for run in out.glob(f"*/{RUN}") if run.parent.name not in names)
+    try:
+        return sorted(folder for folder in out.iterdir() if folder.name not in names and (folder / RUN).is_file())
+    except FileNotFoundError:
+        return []
 
 
 def write_season(out: Path, season: Season) -> None:

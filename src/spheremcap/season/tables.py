@@ -21,7 +21,16 @@ from spheremcap.io.output import output_error, whole_file
 from spheremcap.io.recording import Track, damage_line, iter_columns
 from spheremcap.io.strokes import columns_of, has_strokes, read_strokes
 from spheremcap.season.manifest import Season
-from spheremcap.season.outcome import RECORDING, RUN, TABLES, ClockOutcome, Outcome, read_outcome, read_season
+from spheremcap.season.outcome import (
+    RECORDING,
+    RUN,
+    TABLES,
+    ClockOutcome,
+    Outcome,
+    others_in,
+    read_outcome,
+    read_season,
+)
 from spheremcap.season.page import page
 from spheremcap.season.rows import NOT_RUN, columns_of_rows, floats, integers, rows_of, share_of, texts
 
@@ -297,10 +306,7 @@ def _link(path: Path, place: Path) -> None:
 def _noted(out: Path, target: Path, season: Season) -> list[str]:
     """What there is that does not go in."""
     notes = []
-    names = {plan.name for plan in season.plans}
-    with os.scandir(out) as entries:
-        gone = sorted(e.name for e in entries if e.name not in names and (Path(e.path) / RUN).is_file())
-    if gone:
+    if gone := [folder.name for folder in others_in(out, season)]:
         notes.append(f"left out, for the season has them no more: {_listed(gone)}")
     left = sorted(target.parent.glob(f".{escape(target.name)}.*{_PART}"))
     notes += [f"{path} is what an interrupted run left: delete it" for path in left]
