@@ -74,7 +74,7 @@ def manifest(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("cut", "damaged", "seedless", "large"):
         said[name] = write_session(folder / name, 60, seeds=name != "seedless")
     said["killed"] = write_session(folder / "killed", LONG)
-    said["large"]["memory_gb"] = 0.5
+    said["large"]["memory_gb"] = 0.1
     video = folder / "cut" / "v.mp4"
     video.write_bytes(video.read_bytes()[: video.stat().st_size // 3])
     damaged(folder / "damaged" / "v.mp4")

@@ -162,7 +162,7 @@ def test_every_way_to_fail_has_its_reason_and_costs_one_session(run, tmp_path):
             "wrong": wrong,
             "none": write_session(tmp_path / "none", seeds=False),
             "gone": {"video": "gone.mp4"},
-            "small": write_session(tmp_path / "small") | {"memory_gb": 0.5},
+            "small": write_session(tmp_path / "small") | {"memory_gb": 0.1},
             "slow": write_session(tmp_path / "slow", LONG) | {"timeout_h": 1 / 3600},
         },
     )

@@ -74,9 +74,7 @@ class Values(StageConfig):
     rate: str | None = Field(None, description="pictures a second of a folder of pictures")
     topic: str | None = Field(None, description="image topic of an MCAP that has several")
     timeout_h: float | None = Field(None, gt=0, le=1000, description="hours after which it counts as hung (12)")
-    memory_gb: float | None = Field(
-        None, gt=0, le=10_000, description="address space that it may take, which is several times what it uses"
-    )
+    memory_gb: float | None = Field(None, gt=0, le=10_000, description="memory that its process may have, GiB (any)")
 
     @field_validator("start_time")
     @classmethod

@@ -17,6 +17,8 @@ LOG = "log.txt"
 WORK = ".work"
 """Where a session is made until it is whole, in its folder."""
 
+OUT_OF_MEMORY = "out of memory: it needed more than there was: run fewer at once (--workers)"
+
 Status = Literal["done", "lost", "failed"]
 """done: all of it. lost: done, and something of it could not be had. failed: there is no result."""
 
@@ -145,13 +147,6 @@ def failed(plan: Plan, reason: str, before: Outcome | None) -> Outcome:
         seeds=plan.seeds, inputs=before.inputs if before is not None else (),
         recorded=before.recorded if before is not None else None,
     )  # fmt: skip
-
-
-def out_of_memory(plan: Plan) -> str:
-    """Why a session had to end that wanted too much."""
-    if plan.memory_gb is None:
-        return "out of memory: it needed more than there was: run fewer at once (--workers)"
-    return f"out of memory: it needed more address space than memory_gb = {plan.memory_gb:g}: give it more"
 
 
 def read_outcome(folder: Path) -> Outcome | None:

@@ -22,23 +22,26 @@ from spheremcap.season.key import is_done, size_of
 from spheremcap.season.manifest import Plan, Season
 from spheremcap.season.outcome import (
     LOG,
+    OUT_OF_MEMORY,
     SEASON,
     WORK,
     Outcome,
     failed,
     is_whole,
-    out_of_memory,
     read_outcome,
     write_outcome,
     write_season,
 )
-from spheremcap.season.worker import BUSY, PROGRESS, STOPPED, Ended, Workers, alone
+from spheremcap.season.worker import BUSY, PROGRESS, STOPPED, TOO_LARGE, Ended, Workers, alone
 
 _LOOKED_EVERY_S = 0.5
 _WEIGHTS = {"tracking": (0.02, 0.85), "merging": (0.85, 0.92), "analysing": (0.92, 0.98), "tables": (0.98, 1.0)}
 """Where in a session each step begins and ends, as shares of its time."""
 
-_OUT_OF_MEMORY = ("MemoryError", "bad_alloc", "memory allocation of", "out of memory", "Cannot allocate memory")
+_NO_MEMORY = (
+    "MemoryError", "bad_alloc", "memory allocation of", "Memory allocation still failed", "out of memory",
+    "Cannot allocate memory", "can't start new thread",
+)  # fmt: skip
 """What libraries say that want more memory than there is."""
 
 Submit = Callable[[Plan, Path, Path], "Future[Outcome | None]"]
@@ -58,6 +61,8 @@ def run_one(plan: Plan, folder: Path, stop_file: Path) -> Outcome | None:
         ended = worker.run(plan, folder, stop_file.exists)
     if ended.hung:
         reason = f"not done after {plan.timeout_h:g} hours (timeout_h), and ended"
+    elif ended.code == TOO_LARGE:
+        reason = f"out of memory: it needed more than memory_gb = {plan.memory_gb:g}: give it more"
     elif ended.code == STOPPED:
         return None
     elif ended.code == BUSY:
@@ -70,7 +75,7 @@ def run_one(plan: Plan, folder: Path, stop_file: Path) -> Outcome | None:
             return outcome
         reason = "its run.json cannot be read: is the disk full?"
     else:
-        reason = _why(plan, folder, ended)
+        reason = _why(folder, ended)
     return _failed(plan, folder, reason)
 
 
@@ -89,11 +94,11 @@ def _failed(plan: Plan, folder: Path, reason: str) -> Outcome:
     return outcome
 
 
-def _why(plan: Plan, folder: Path, ended: Ended) -> str:
+def _why(folder: Path, ended: Ended) -> str:
     """Why a session's process ended that did not say so itself."""
     lines = _last_lines(folder / LOG)
-    if any(word in line for line in lines for word in _OUT_OF_MEMORY):
-        return out_of_memory(plan)
+    if any(word in line for line in lines for word in _NO_MEMORY):
+        return OUT_OF_MEMORY
     said = lines[-1] if lines else ""
     behind = f": {said}" if said else ""
     if ended.code >= 0:
@@ -101,8 +106,7 @@ def _why(plan: Plan, folder: Path, ended: Ended) -> str:
     name = signal.Signals(-ended.code).name
     if -ended.code == signal.SIGKILL:
         return f"it was killed ({name}): by somebody, or by the system because memory ran out"
-    limit = "" if plan.memory_gb is None else f", memory_gb is {plan.memory_gb:g}"
-    return f"it crashed ({name}){limit}{behind}"
+    return f"it crashed ({name}){behind}"
 
 
 def _last_lines(log: Path) -> list[str]:

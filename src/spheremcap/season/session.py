@@ -34,6 +34,7 @@ from spheremcap.season.addresses import fetched, is_address
 from spheremcap.season.key import Given, check_unchanged, given
 from spheremcap.season.manifest import Plan, Sensor
 from spheremcap.season.outcome import (
+    OUT_OF_MEMORY,
     RECORDING,
     RUN,
     TABLES,
@@ -45,7 +46,6 @@ from spheremcap.season.outcome import (
     Recorded,
     failed,
     is_whole,
-    out_of_memory,
     read_outcome,
     write_outcome,
 )
@@ -74,7 +74,7 @@ def run_session(
         told = str(error).replace(f"{work}/", "").partition("; what was written until then")[0]  # as it goes now
         outcome = failed(plan, told, before)
     except MemoryError:
-        outcome = failed(plan, out_of_memory(plan), before)
+        outcome = failed(plan, OUT_OF_MEMORY, before)
     finally:
         shutil.rmtree(work, ignore_errors=True)
     write_outcome(folder, outcome)

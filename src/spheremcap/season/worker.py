@@ -26,8 +26,9 @@ from spheremcap.interrupt import SIGNALS
 from spheremcap.season.manifest import Plan
 from spheremcap.season.outcome import LOG, WORK
 
-STOPPED, BUSY = 4, 5
-"""Exit codes of a session's process, beside 0: it was asked to end; another run is at work on the session."""
+STOPPED, BUSY, TOO_LARGE = 4, 5, 6
+"""Exit codes of a session's process, beside 0: it was asked to end; another run is at work on the session; it had more
+memory than it may have."""
 PROGRESS = "progress.json"
 _ASKED_EVERY_S = 0.25
 _GRACE_S = 30.0
@@ -173,8 +174,7 @@ def main() -> None:
         _, status, usage = os.wait4(child, 0)
         for pipe in (ended[0], alive[1]):
             os.close(pipe)
-        peak_mb = usage.ru_maxrss // (1024 * 1024 if sys.platform == "darwin" else 1024)
-        answer = {"code": os.waitstatus_to_exitcode(status), "peak_mb": peak_mb}
+        answer = {"code": os.waitstatus_to_exitcode(status), "peak_mb": _peak_mb(usage)}
         with contextlib.suppress(BrokenPipeError):  # nobody is there to be told
             os.write(answers, json.dumps(answer).encode() + b"\n")
 
@@ -228,6 +228,18 @@ def _end_with(alive: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def _end_above(memory_gb: float) -> None:
+    """End when the process has more memory than that. (Its address space, which could be limited instead, is several
+    times as large.)"""
+    while _peak_mb(resource.getrusage(resource.RUSAGE_SELF)) <= memory_gb * 1024:
+        time.sleep(_ASKED_EVERY_S)
+    os._exit(TOO_LARGE)
+
+
+def _peak_mb(usage: resource.struct_rusage) -> int:
+    return usage.ru_maxrss // (1024 * 1024 if sys.platform == "darwin" else 1024)
+
+
 def _run(plan: Plan, folder: Path) -> int:
     """A session, in its own process; its exit code."""
     from spheremcap.errors import printable
@@ -256,8 +268,7 @@ def _run(plan: Plan, folder: Path) -> int:
             for old, new in ((nothing, 0), (log, 1), (log, 2)):
                 os.dup2(old, new)
             if plan.memory_gb is not None:
-                limit = int(plan.memory_gb * 2**30)
-                resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+                threading.Thread(target=_end_above, args=(plan.memory_gb,), daemon=True).start()
             with Interrupt() as interrupted:
                 run_session(plan, folder, progress=progress, say=say, stop=interrupted)
         return 0
