@@ -12,6 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 from made_up import asked, outcome, plan
 from seasons import gone, in_work, kill, write_manifest, write_seeds, write_session
@@ -19,12 +20,12 @@ from test_season_reach import damaged
 
 from clips import seed
 from spheremcap import api
-from spheremcap.errors import UsageError
+from spheremcap.errors import SourceError, UsageError
 from spheremcap.interrupt import Interrupted
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.season import key, requests, run, session, worker
 from spheremcap.season.manifest import HowMerged, Plan, Season, Sensor, load_season
-from spheremcap.season.outcome import RUN, TABLES, WORK, Outcome, read_outcome, write_outcome, write_season
+from spheremcap.season.outcome import RECORDING, RUN, TABLES, WORK, Outcome, read_outcome, write_outcome, write_season
 from spheremcap.season.run import BusyError, Doing, SeasonRun, run_one, run_season
 from spheremcap.season.session import run_session
 from spheremcap.season.worker import BUSY, PROGRESS, STOPPED, TOO_LARGE, Ended, Worker, Workers, alone
@@ -120,40 +121,81 @@ def test_how_a_thing_is_written_and_where_it_lies_is_not_in_the_key(everything: 
     assert given(everything.model_copy(update={"videos": moved})).key == before.key
 
 
-@pytest.mark.parametrize("same", ["size", "time"])
-def test_a_file_is_read_again_when_its_size_or_its_time_is_another(everything: Plan, tmp_path: Path, same: str) -> None:
+def is_done(of: Plan, before: key.Given, folder: Path) -> bool:
+    """By what is known of its files, with its result there."""
+    (folder / "of").mkdir(exist_ok=True)
+    (folder / "of" / RECORDING).write_bytes(b"123")
+    told = outcome("a", key=before.key, inputs=tuple(before.files.values()), files={RECORDING: 3})
+    return key.is_done(of, told, folder / "of")
+
+
+@pytest.mark.parametrize("same", ["size", "time", "size and time"])
+def test_a_file_is_read_again_when_it_may_be_another_one(everything: Plan, tmp_path: Path, same: str) -> None:
     before = given(everything)
     known = outcome("a", key=before.key, inputs=tuple(before.files.values()))
-    assert key.is_done(everything, known)
+    assert is_done(everything, before, tmp_path)
     video, text = tmp_path / "1.mp4", "the content of 1.mp4"
     then = video.stat()
-    video.write_text(text.upper() if same == "size" else text * 2)
-    if same == "time":
+    time.sleep(0.02)  # a file system's clock has ticks
+    video.write_text(text * 2 if same == "time" else text.upper())
+    if "time" in same:
         os.utime(video, ns=(then.st_atime_ns, then.st_mtime_ns))
-    else:
-        os.utime(video, ns=(then.st_atime_ns, then.st_mtime_ns + 10**9))
-    assert not key.is_done(everything, known)
+    assert not is_done(everything, before, tmp_path)
     assert given(everything, known).key != before.key
+    with pytest.raises(SourceError, match="was changed while"):
+        key.check_unchanged(before.files)
+    video.write_text(text)  # written again, and the same
+    assert given(everything, known).key == before.key
+    key.check_unchanged(before.files)
 
 
-def test_a_folder_of_pictures_counts_by_names_and_contents_and_is_as_old_as_its_newest(
-    everything: Plan, tmp_path: Path
-) -> None:
+def test_a_folder_of_pictures_counts_by_names_and_contents(everything: Plan, tmp_path: Path) -> None:
     folder = tmp_path / "shown"
     folder.mkdir()
-    for name in ("1.png", "2.png"):
+    for name in ("1.png", "2.png", "3.png"):
         (folder / name).write_text(name)
         os.utime(folder / name, (1000, 1000))
     shown = everything.model_copy(update={"videos": (str(folder),)})
     before = given(shown)
     known = outcome("a", key=before.key, inputs=tuple(before.files.values()))
     (folder / "2.png").write_text("3.png")  # just as large
-    assert not key.is_done(shown, known)
+    assert not is_done(shown, before, tmp_path)
     (folder / "2.png").write_text("2.png")
     assert given(shown, known).key == before.key
-    (folder / "2.png").rename(folder / "4.png")
-    assert given(shown).key != before.key
+    for old, new in (("2.png", "x"), ("3.png", "2.png"), ("x", "3.png")):  # in another order
+        (folder / old).rename(folder / new)
+    assert not is_done(shown, before, tmp_path)
+    assert given(shown, known).key != before.key
     assert key.key_of("12", "3") != key.key_of("1", "23")
+
+
+def test_of_a_list_of_chapters_what_it_lists_counts(everything: Plan, tmp_path: Path) -> None:
+    (tmp_path / "both.ffconcat").write_text("ffconcat version 1.0\nfile '1.mp4'\nfile '2.mp4'\n")
+    both = everything.model_copy(update={"videos": (str(tmp_path / "both.ffconcat"),)})
+    before = given(both)
+    assert is_done(both, before, tmp_path)
+    (tmp_path / "2.mp4").write_text("another one")
+    assert not is_done(both, before, tmp_path)
+    assert given(both).key != before.key
+
+
+@pytest.mark.parametrize("of", [RECORDING, f"{TABLES}/poses.parquet"])
+@pytest.mark.parametrize("how", ["gone", "cut"])
+def test_a_result_that_is_not_what_it_was_is_made_again(made, tmp_path, of, how):
+    before, lines = made(), list[str]()
+    folder = tmp_path / "out" / "a"
+    assert set(before.files) == {RECORDING, *(f"{TABLES}/{name}.parquet" for name in ("poses", "quality", "clocks"))}
+    if how == "gone":
+        (folder / of).unlink()
+    else:
+        os.truncate(folder / of, 100)
+    kept = pq.read_table(folder / TABLES / "quality.parquet")
+    told = made(lines.append)
+    assert any("tables" in line for line in lines)
+    assert told.key == before.key
+    assert pq.read_table(folder / TABLES / "quality.parquet") == kept
+    assert len(pq.read_table(folder / TABLES / "poses.parquet")) == 32
+    assert {name: (folder / name).stat().st_size for name in told.files} == told.files
 
 
 # --- what becomes of a session ---
@@ -170,7 +212,8 @@ def made(tmp_path: Path) -> Callable[..., Outcome]:
     ) -> Outcome:
         own = {"video": "a/v.mp4", "settings": "a/settings.toml"} | said
         (of,) = load_season(write_manifest(tmp_path, {"a": own})).plans
-        return run_session(of, tmp_path / "out" / "a", progress=lambda *told: None, say=say, stop=stop)
+        told, _ = run_session(of, tmp_path / "out" / "a", progress=lambda *told: None, say=say, stop=stop)
+        return told
 
     return make
 
@@ -584,9 +627,9 @@ def test_a_run_tells_of_those_before_and_not_of_what_has_changed_since(tmp_path)
     for of, key_ in zip(plans, (given(plans[0]).key, "of something else"), strict=True):
         (tmp_path / "out" / of.name).mkdir(parents=True)
         inputs = tuple(given(of).files.values())
-        write_outcome(tmp_path / "out" / of.name, outcome(of.name, key=key_, inputs=inputs))
-        (tmp_path / "out" / of.name / "session.mcap").write_text("")
-        (tmp_path / "out" / of.name / TABLES).mkdir()
+        told = outcome(of.name, key=key_, inputs=inputs, files={RECORDING: 0})
+        write_outcome(tmp_path / "out" / of.name, told)
+        (tmp_path / "out" / of.name / RECORDING).write_text("")
     write_season(tmp_path / "out", Season(name="s", plans=tuple(plans)))
     stopped = season_run(tmp_path / "out", plans, lambda of: None)
     assert stopped.stopped

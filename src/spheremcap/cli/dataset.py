@@ -100,11 +100,11 @@ def list_(
     season = load_season(manifest)
     for plan in season.plans:
         outcome = read_outcome(output / plan.name) if output is not None else None
-        if outcome is None:
+        if output is None or outcome is None:
             state = "not run"
         elif outcome.status == "failed":
             state = f"{outcome.line()}; the next run tries again"
-        elif is_done(plan, outcome):
+        elif is_done(plan, outcome, output / plan.name):
             state = outcome.line()
         else:
             state = "changed since it was run"

@@ -6,6 +6,11 @@ from spheremcap.core.estimate import MarkerEstimate, OperatorRequest
 from spheremcap.core.marker import Answer, Hidden, Keep, Seed
 from spheremcap.stretch import Corrected, Stretch
 
+HOW_TO_ANSWER = (
+    "spheremcap annotate RECORDING, or one more row in the seeds and "
+    "spheremcap retrack RECORDING --seeds SEEDS -o OTHER"
+)
+
 
 def said(answer: Answer) -> str:
     """An answer in words: "circle on frame 162, anna"."""
@@ -24,8 +29,7 @@ def lost_marker(place: str, marker: str, last: MarkerEstimate | None) -> str:
     c, frame = last.circle, last.frame_index
     return (
         f"{told}, last seen on frame {frame} at {c.x_px:.0f},{c.y_px:.0f} with radius {c.r_px:.0f}: look where it "
-        "comes back after that, and give its circle there: spheremcap annotate RECORDING, or one more row in the seeds "
-        "and spheremcap retrack RECORDING --seeds SEEDS -o OTHER"
+        f"comes back after that, and give its circle there: {HOW_TO_ANSWER}"
     )
 
 

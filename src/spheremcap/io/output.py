@@ -140,7 +140,8 @@ def write_durably(path: Path, text: str) -> None:
         finally:
             os.close(folder)
     except OSError as error:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
         raise output_error(error, path) from error
 
 

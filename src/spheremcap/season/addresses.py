@@ -23,16 +23,16 @@ def is_address(path: str) -> bool:
     return "://" in path
 
 
-def looked_at(address: str) -> tuple[int, int]:
-    """Bytes of what is there, and a number that is another one when it has changed, by what its keeper says of it
-    (date, version, checksum). Raises SourceError, UsageError."""
+def looked_at(address: str) -> tuple[int, str]:
+    """Bytes of what is there, and a text that is another one when it has changed, by what its keeper says of it (size,
+    date, version, checksum). Raises SourceError, UsageError."""
     filesystem, place = _there(address)
     try:
         filesystem.invalidate_cache()
         told = filesystem.info(place)
         said = [f"{key}: {told[key]}" for key in _MARKS if told.get(key) is not None] or filesystem.ukey(place)
-        mark = hashlib.sha256(str(said).encode()).digest()
-        return int(told.get("size") or 0), int.from_bytes(mark[:7], "big")
+        size = int(told.get("size") or 0)
+        return size, hashlib.sha256(f"{size} {said}".encode()).hexdigest()
     except Exception as error:
         raise _gone(address, error) from error
 

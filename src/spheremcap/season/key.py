@@ -1,11 +1,13 @@
-"""What decides a session's result: the same key is the same result, byte for byte.
+"""What decides a session's result: the same key is the same result. (Its tables are so byte for byte. Of a recording
+that was taken up, messages are the same and may be laid out otherwise.)
 
 It is in three parts, so that only what a change touches is made again: what was tracked (pictures, settings), the
-answers in it (seeds), and all that is done afterwards (sensors, analysis). Files count by their content; one that is as
-old and as large as it was is not read again. Settings count by what they come to, so that a comment changes nothing.
+answers in it (seeds), and all that is done afterwards (sensors, analysis). Files count by their content; one that
+looks as it did is not read again. Settings count by what they come to, so that a comment changes nothing.
 """
 
 import hashlib
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -15,10 +17,11 @@ from spheremcap.analysis.settings import AnalysisSettings, load_analysis_setting
 from spheremcap.config import Settings, load_seeds, load_settings, seeds_toml
 from spheremcap.core.marker import Answer
 from spheremcap.errors import SourceError, SpheremcapError
+from spheremcap.io.chapter_list import chapters_in, is_list
 from spheremcap.io.output import VERSION
 from spheremcap.season.addresses import is_address, looked_at
 from spheremcap.season.manifest import Plan
-from spheremcap.season.outcome import InputFile, Outcome
+from spheremcap.season.outcome import InputFile, Outcome, is_whole
 
 _READ_BYTES = 16 << 20
 
@@ -63,20 +66,19 @@ def given(
     files: dict[str, InputFile] = {}
     for path in (*tracked_files, *merged_files):
         try:
-            size, mtime_ns = _look(path)
+            size, state = _look(path)
         except SourceError:
             if path in (sensor.path for sensor in plan.sensors):
                 continue  # the others are merged, and it is named
             raise
         same = before.get(path)
-        if same is not None and (same.size_bytes, same.mtime_ns) == (size, mtime_ns):
+        if same is not None and same.state == state:
             files[path] = same
         elif local is None:
             return None
         else:
-            files[path] = InputFile(
-                path=path, size_bytes=size, mtime_ns=mtime_ns, sha256=_content(local(path), going_on)
-            )
+            content = _content(local(path), going_on)
+            files[path] = InputFile(path=path, size_bytes=size, state=state, sha256=content)
     tracked = key_of(
         VERSION, plan.name, settings.to_toml(), plan.auto, plan.start_time, plan.rate, plan.topic,
         *_contents(tracked_files, files),
@@ -91,16 +93,16 @@ def given(
     return Given(settings, answers, analysis, files, tracked, answered, key_of(tracked, answered, rest))
 
 
-def check_unchanged(files: Mapping[str, InputFile]) -> None:
-    """Raises SourceError where a file is another one now than when it was read."""
+def check_unchanged(files: Mapping[str, InputFile], going_on: Callable[[], None] = lambda: None) -> None:
+    """Raises SourceError where a file is another one now than when it was read; `going_on` is as in `given`."""
     for path, file in files.items():
-        if (file.size_bytes, file.mtime_ns) != _look(path):
+        if file.state != _look(path)[1] and (is_address(path) or file.sha256 != _content(Path(path), going_on)):
             raise SourceError(f"{path}: was changed while the session was made from it: run it again")
 
 
-def is_done(plan: Plan, known: Outcome | None) -> bool:
-    """Whether a session has its result already, without reading a video or a log."""
-    if known is None or known.status == "failed":
+def is_done(plan: Plan, known: Outcome | None, folder: Path) -> bool:
+    """Whether a session has its result in its folder already, without reading a video or a log."""
+    if known is None or known.status == "failed" or not is_whole(folder, known):
         return False
     try:
         now = given(plan, known, None)
@@ -136,27 +138,35 @@ def key_of(*told: object) -> str:
 
 
 def _members(path: Path) -> list[Path]:
-    return sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    """The files that a path stands for: a folder's, or a list of chapters and what it lists; else itself."""
+    if path.is_dir():
+        return sorted(p for p in path.rglob("*") if p.is_file())
+    return [path, *(chapters_in(path) if is_list(path) else ())]
 
 
-def _look(path: str) -> tuple[int, int]:
-    """Bytes, and when it was last written, ns; of a folder all its files together. Of an address what stands for it."""
+def _look(path: str) -> tuple[int, str]:
+    """Bytes, and what is another text when the content may be another one: names, sizes and dates of all files (also
+    when they were last touched at all, for a copy may take its original's date with it). Of an address what stands for
+    it."""
     if is_address(path):
         return looked_at(path)
     try:
-        states = [member.stat() for member in _members(Path(path))]
+        members = _members(Path(path))
+        states = [member.stat() for member in members]
     except FileNotFoundError:
         raise SourceError(f"{path}: no such file; the manifest names it") from None
     except OSError as error:
         raise SourceError(f"{path}: cannot be read: {error.strerror}") from error
-    return sum(s.st_size for s in states), max((s.st_mtime_ns for s in states), default=0)
+    told = ((one.name, s.st_size, s.st_mtime_ns, s.st_ctime_ns) for one, s in zip(members, states, strict=True))
+    return sum(s.st_size for s in states), key_of(*(fact for facts in told for fact in facts))
 
 
 def _content(path: Path, going_on: Callable[[], None]) -> str:
     """SHA-256 of a file; of a folder, of its files' names and contents."""
-    if path.is_file():
+    members = _members(path)
+    if members == [path]:
         return _digest(path, going_on)
-    return key_of(*(text for m in _members(path) for text in (m.relative_to(path).as_posix(), _digest(m, going_on))))
+    return key_of(*(text for m in members for text in (os.path.relpath(m, path), _digest(m, going_on))))
 
 
 def _digest(path: Path, going_on: Callable[[], None]) -> str:

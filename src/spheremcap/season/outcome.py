@@ -28,11 +28,12 @@ class _Noun(BaseModel):
 
 
 class InputFile(_Noun):
-    """A file that decided the result, as it was; `sha256` is that of its content."""
+    """A file or folder that decided the result, as it was; `sha256` is that of its content. `state` is what can be told
+    of it without reading it: it is another one whenever the content is."""
 
     path: str
     size_bytes: int
-    mtime_ns: int
+    state: str
     sha256: str
 
 
@@ -85,6 +86,8 @@ class Recorded(_Noun):
     attachments: int
     lost: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    stretches: tuple[str, ...] = ()
+    """What tracking them again after an answer said."""
 
 
 class Outcome(_Noun):
@@ -115,6 +118,8 @@ class Outcome(_Noun):
     strokes: dict[str, int] = {}
     """Strokes of each side that was looked at."""
     recorded: Recorded | None = None
+    files: dict[str, int] = {}
+    """Bytes of the recording and of each table, by where it is in the session's folder."""
     seconds: dict[str, float] = {}
     peak_mb: int | None = None
 
@@ -157,9 +162,14 @@ def read_outcome(folder: Path) -> Outcome | None:
         return None
 
 
-def is_whole(folder: Path) -> bool:
-    """Whether what a result consists of is there still."""
-    return (folder / RECORDING).is_file() and (folder / TABLES).is_dir()
+def is_whole(folder: Path, outcome: Outcome) -> bool:
+    """Whether what a result consists of is there still, as large as it was."""
+    try:
+        return bool(outcome.files) and all(
+            (folder / name).stat().st_size == size for name, size in outcome.files.items()
+        )
+    except OSError:
+        return False
 
 
 def write_outcome(folder: Path, outcome: Outcome) -> None:

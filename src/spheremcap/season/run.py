@@ -9,9 +9,10 @@ import json
 import os
 import shutil
 import signal
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from secrets import token_hex
@@ -27,14 +28,16 @@ from spheremcap.season.outcome import (
     WORK,
     Outcome,
     failed,
-    is_whole,
     read_outcome,
     write_outcome,
     write_season,
 )
-from spheremcap.season.worker import BUSY, PROGRESS, STOPPED, TOO_LARGE, Ended, Workers, alone
+from spheremcap.season.worker import BUSY, FAILED, KEPT, PROGRESS, STOPPED, TOO_LARGE, Ended, Workers, alone
 
 _LOOKED_EVERY_S = 0.5
+_STOP = ".stop-"
+_STOP_STAYS_S = 3600.0
+"""No run takes so long to stop."""
 _WEIGHTS = {"tracking": (0.02, 0.85), "merging": (0.85, 0.92), "analysing": (0.92, 0.98), "tables": (0.98, 1.0)}
 """Where in a session each step begins and ends, as shares of its time."""
 
@@ -59,7 +62,7 @@ def run_one(plan: Plan, folder: Path, stop_file: Path) -> Outcome | None:
         return None
     with _workers.one() as worker:
         ended = worker.run(plan, folder, stop_file.exists)
-    if ended.hung:
+    if ended.hung and ended.code not in (0, KEPT):
         reason = f"not done after {plan.timeout_h:g} hours (timeout_h), and ended"
     elif ended.code == TOO_LARGE:
         reason = f"out of memory: it needed more than memory_gb = {plan.memory_gb:g}: give it more"
@@ -67,11 +70,13 @@ def run_one(plan: Plan, folder: Path, stop_file: Path) -> Outcome | None:
         return None
     elif ended.code == BUSY:
         raise BusyError
-    elif ended.code == 0:
+    elif ended.code in (0, KEPT):
         outcome = read_outcome(folder)
-        if outcome is not None:
+        if outcome is not None and ended.code == 0:
             outcome = outcome.model_copy(update={"peak_mb": ended.peak_mb})
-            write_outcome(folder, outcome)
+            with suppress(OutputError):  # nothing hangs on it
+                write_outcome(folder, outcome)
+        if outcome is not None:
             return outcome
         reason = "its run.json cannot be read: is the disk full?"
     else:
@@ -100,6 +105,8 @@ def _why(folder: Path, ended: Ended) -> str:
     if any(word in line for line in lines for word in _NO_MEMORY):
         return OUT_OF_MEMORY
     said = lines[-1] if lines else ""
+    if ended.code == FAILED:
+        return said
     behind = f": {said}" if said else ""
     if ended.code >= 0:
         return f"a fault of spheremcap's own ended it{behind} ({LOG} has the trace that belongs in a report)"
@@ -214,11 +221,15 @@ def run_season(
     out = out.resolve()  # the same for workers that stand elsewhere
     write_season(out, season)
     known = {plan.name: read_outcome(out / plan.name) for plan in plans}
-    todo = [plan for plan in plans if not (is_done(plan, known[plan.name]) and is_whole(out / plan.name))]
+    todo = [plan for plan in plans if not is_done(plan, known[plan.name], out / plan.name)]
     sizes = {plan.name: size_of(plan) for plan in todo}
     doing = Doing(sizes)
     others: list[str] = []
-    stop_file = out / f".stop-{token_hex(4)}"
+    for stale in out.glob(f"{_STOP}*"):  # of a run that was killed while it stopped
+        with suppress(OSError):
+            if time.time() - stale.stat().st_mtime > _STOP_STAYS_S:
+                stale.unlink()
+    stop_file = out / f"{_STOP}{token_hex(4)}"
     stopped = asked = False
     futures: dict[Future[Outcome | None], Plan] = {}
     try:

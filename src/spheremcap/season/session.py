@@ -5,6 +5,7 @@ sensors or the analysis have, nothing is. What the recording had from merging an
 is of its inputs and never of its past.
 """
 
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -16,13 +17,14 @@ from pathlib import Path
 from spheremcap import api
 from spheremcap.core.estimate import Status
 from spheremcap.corrections.run import named_answers, runs_in
+from spheremcap.corrections.told import HOW_TO_ANSWER
 from spheremcap.errors import OutputError, SpheremcapError, UsageError
 from spheremcap.interrupt import Interrupted
 from spheremcap.io.chapters import write_list
 from spheremcap.io.join import Join, McapStream
 from spheremcap.io.layout import layout_path, write_layout
 from spheremcap.io.mcap_records import McapRecords
-from spheremcap.io.output import VERSION, make_folder, open_output
+from spheremcap.io.output import VERSION, make_folder, open_output, output_error
 from spheremcap.io.sources import FromMcap
 from spheremcap.io.strokes import has_strokes, read_strokes
 from spheremcap.io.summary import summarise
@@ -58,8 +60,9 @@ Progress = Callable[[str, int, int | None], None]
 
 def run_session(
     plan: Plan, folder: Path, *, progress: Progress, say: Callable[[str], None], stop: Callable[[], bool]
-) -> Outcome:
-    """Make a session's result in its folder, where it is not there already, and say how it ended.
+) -> tuple[Outcome, bool]:
+    """Make a session's result in its folder, where it is not there already, and say how it ended; and whether anything
+    was made, or tried.
 
     What the session itself is to blame for is an outcome that failed. `say` gets lines for its log. Raises
     Interrupted where `stop` says so, and nothing has changed then; OutputError where nothing can be written.
@@ -68,18 +71,23 @@ def run_session(
     work = folder / WORK
     shutil.rmtree(work, ignore_errors=True)
     make_folder(work)
+    making = _Making(plan, folder, before, progress, say, stop)
     try:
-        outcome = _Making(plan, folder, before, progress, say, stop).outcome()
+        outcome = making.outcome()
+    except OutputError:
+        raise
     except SpheremcapError as error:
         told = str(error).replace(f"{work}/", "").partition("; what was written until then")[0]  # as it goes now
         outcome = failed(plan, told, before)
     except MemoryError:
         outcome = failed(plan, OUT_OF_MEMORY, before)
+    except OSError as error:
+        raise output_error(error, folder) from error
     finally:
         shutil.rmtree(work, ignore_errors=True)
     write_outcome(folder, outcome)
     say(outcome.line())
-    return outcome
+    return outcome, not making.kept
 
 
 @dataclass
@@ -96,6 +104,8 @@ class _Making:
     notes: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     copies: dict[str, Path] = field(default_factory=dict)
+    kept: bool = False
+    """Its result was there."""
 
     def outcome(self) -> Outcome:
         """Make what is not there yet."""
@@ -104,8 +114,14 @@ class _Making:
             found = given(plan, before, self._local, self._go_on)
         assert found is not None  # as everything may be read
         inputs = tuple(found.files[path] for path in sorted(found.files))
-        if before is not None and before.status != "failed" and before.key == found.key and is_whole(self.folder):
-            return before.model_copy(update={"inputs": inputs})
+        if (
+            before is not None
+            and before.key == found.key
+            and before.status != "failed"
+            and is_whole(self.folder, before)
+        ):
+            self.kept = True
+            return before.model_copy(update={"inputs": inputs, "videos": plan.videos, "seeds": plan.seeds})
         tracked, recorded = self._tracked(found)
         self.lost += [line for line in plan.missing if line.startswith("no sensor")]
         merged, clocks = self._merged(tracked, found)
@@ -118,9 +134,10 @@ class _Making:
             if damage is not None:
                 outcome = outcome.model_copy(update={"status": "lost", "lost": (*outcome.lost, damage)})
             self._write_layout(analysed)
-        check_unchanged(found.files)
-        self._publish(analysed, strokes=bool(outcome.strokes))
-        return outcome.model_copy(update={"seconds": {step: round(s, 3) for step, s in self.seconds.items()}})
+        check_unchanged(found.files, self._go_on)
+        files = self._publish(analysed, strokes=bool(outcome.strokes))
+        seconds = {step: round(s, 3) for step, s in self.seconds.items()}
+        return outcome.model_copy(update={"files": files, "seconds": seconds})
 
     # --- steps ---
 
@@ -133,7 +150,7 @@ class _Making:
                 self.say("tracked already")
                 recorded = self.before.recorded
                 earlier.rename(out)
-                self._reported(recorded.lost, recorded.notes, False)
+                self._reported(recorded.lost, (*recorded.notes, *recorded.stretches), False)
                 return out, recorded
             with self._step("tracking again"):
                 video = self._video()  # where its pictures are looked for, if those in the recording will not do
@@ -142,13 +159,17 @@ class _Making:
                     earlier, out, found.answers, progress=lambda done, total: self.progress("tracking", done, total),
                     stop=self.stop,
                 )  # fmt: skip
+                self._reported([], self.before.recorded.notes, False)
+                notes = tuple(self.notes)
                 self._reported(report.lost, [*report.notes, *report.stretches], report.stopped)
                 earlier.unlink()
         else:
             self._track(out, found)
+            notes = tuple(self.notes)
         with McapRecords(out) as records:
             recorded = Recorded(
-                tracked=found.tracked, answers=found.answered, lost=tuple(self.lost), notes=tuple(self.notes),
+                tracked=found.tracked, answers=found.answered, lost=tuple(self.lost), notes=notes,
+                stretches=tuple(self.notes[len(notes) :]),
                 topics=tuple(sorted({channel.topic for channel in records.channels.values()})),
                 metadata=tuple(record.name for record in records.metadata),
                 attachments=sum(1 for _ in records.attachments()),
@@ -162,7 +183,7 @@ class _Making:
         start_ns, rate = plan.start_time_ns, None if plan.rate is None else Fraction(plan.rate)
         mcap = FromMcap((plan.topic,)) if plan.topic is not None else None
         told = None
-        if plan.auto and (settings.markers or not answers):
+        if plan.auto and (settings.markers or not base_seeds(answers)):
             with self._step("looking for markers"):
                 told = api.find(
                     video, settings, answers, folder=folder, start_time_ns=start_ns, rate=rate, mcap=mcap,
@@ -173,7 +194,7 @@ class _Making:
                 names = ", ".join(name for name, _ in told.unclear)
                 raise UsageError(f"auto cannot tell which is {names}: show it: spheremcap annotate {video}")
             settings, answers = told.settings, [*answers, *told.seeds]
-        if not answers:
+        if not base_seeds(answers):
             raise UsageError(plan.seedless or f"no seeds: {plan.seeds} has no circle")
         with self._step("tracking"):
             report = api.track(
@@ -331,9 +352,10 @@ class _Making:
             duration_s=told.duration_s, markers=markers, requests=requests, clocks=clocks, strokes=strokes,
         )  # fmt: skip
 
-    def _publish(self, recording: Path, *, strokes: bool) -> None:
+    def _publish(self, recording: Path, *, strokes: bool) -> dict[str, int]:
         """All files into their places, tables of strokes where some were looked for; what was there of an earlier run
-        goes. Without run.json there is no result, so that one which is ended in between is made again."""
+        goes. Without run.json there is no result, so that one which is ended in between is made again. Returns how many
+        bytes the recording and each table has."""
         ready = {RECORDING: recording, TABLES: self.folder / WORK / TABLES}
         stem = recording.with_suffix("")
         for ending in (".layout.json", ".report.html"):
@@ -342,6 +364,11 @@ class _Making:
             table = stem.with_name(f"{stem.name}.{ending}.csv")
             if table.exists() and strokes:
                 table.rename(ready[TABLES] / f"{ending}.csv")
+        files = {RECORDING: recording} | {f"{TABLES}/{path.name}": path for path in sorted(ready[TABLES].iterdir())}
+        for path in files.values():
+            with path.open("rb") as file:
+                os.fsync(file.fileno())
+        sizes = {name: path.stat().st_size for name, path in files.items()}
         (self.folder / RUN).unlink(missing_ok=True)
         for name, made in ready.items():
             there = self.folder / name
@@ -351,6 +378,7 @@ class _Making:
                 made.rename(there)
             else:
                 there.unlink(missing_ok=True)
+        return sizes
 
     def _write_layout(self, recording: Path) -> None:
         try:
@@ -395,7 +423,8 @@ class _Making:
         self._go_on()
         for lines, own in ((self.lost, lost), (self.notes, notes)):
             for line in own:
-                lines.append(line.replace(f"{self.folder / WORK}/", ""))
+                told = line.replace(HOW_TO_ANSWER, "spheremcap annotate OUT, and run the season again")
+                lines.append(told.replace(f"{self.folder / WORK}/", ""))
                 self.say(lines[-1])
 
     @contextmanager
@@ -434,9 +463,9 @@ def _clocks(dataset: Dataset) -> tuple[ClockOutcome, ...]:
 def _copy_alone(records: McapRecords, made: Recorded, out: Path) -> None:
     """What was tracked, without what merging and analysing added to it."""
     with open_output(out, profile=records.profile) as writer:
-        Join(writer, [McapStream(records, topics=set(made.topics), extras=False)]).rest()
         for record in records.metadata:
             if record.name in made.metadata:
                 writer.add_metadata(record.name, record.metadata)
         for file in list(records.attachments())[: made.attachments]:
             writer.add_attachment(file.create_time, file.log_time, file.name, file.media_type, file.data)
+        Join(writer, [McapStream(records, topics=set(made.topics), extras=False)]).rest()

@@ -26,9 +26,10 @@ from spheremcap.interrupt import SIGNALS
 from spheremcap.season.manifest import Plan
 from spheremcap.season.outcome import LOG, WORK
 
-STOPPED, BUSY, TOO_LARGE = 4, 5, 6
-"""Exit codes of a session's process, beside 0: it was asked to end; another run is at work on the session; it had more
-memory than it may have."""
+FAILED, STOPPED, BUSY, TOO_LARGE, KEPT = 3, 4, 5, 6, 7
+"""Exit codes of a session's process, beside 0 (it has made something) and 1 (a fault): the last line of its log says
+why nothing could be written; it was asked to end; another run is at work on the session; it had more memory than it may
+have; its result was there already."""
 PROGRESS = "progress.json"
 _ASKED_EVERY_S = 0.25
 _GRACE_S = 30.0
@@ -242,7 +243,7 @@ def _peak_mb(usage: resource.struct_rusage) -> int:
 
 def _run(plan: Plan, folder: Path) -> int:
     """A session, in its own process; its exit code."""
-    from spheremcap.errors import printable
+    from spheremcap.errors import SpheremcapError, printable
     from spheremcap.interrupt import Interrupt, Interrupted
     from spheremcap.season.session import run_session
 
@@ -263,6 +264,7 @@ def _run(plan: Plan, folder: Path) -> int:
         with alone(folder) as free:
             if not free:
                 return BUSY
+            before = (folder / LOG).read_bytes() if (folder / LOG).is_file() else b""
             log = os.open(folder / LOG, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o666)
             nothing = os.open(os.devnull, os.O_RDONLY)
             for old, new in ((nothing, 0), (log, 1), (log, 2)):
@@ -270,11 +272,16 @@ def _run(plan: Plan, folder: Path) -> int:
             if plan.memory_gb is not None:
                 threading.Thread(target=_end_above, args=(plan.memory_gb,), daemon=True).start()
             with Interrupt() as interrupted:
-                run_session(plan, folder, progress=progress, say=say, stop=interrupted)
-        return 0
+                _, made = run_session(plan, folder, progress=progress, say=say, stop=interrupted)
+            if not made:  # the log is about how it was
+                (folder / LOG).write_bytes(before)
+        return 0 if made else KEPT
     except (Interrupted, KeyboardInterrupt):
         print("stopped", flush=True)
         return STOPPED
+    except SpheremcapError as error:
+        print(printable(str(error)), flush=True)
+        return FAILED
     except BaseException:
         traceback.print_exc()
         return 1
