@@ -26,11 +26,19 @@ def test_from_videos_to_tables(season):
     added = dataset("init", "videos", "-o", "season.toml", "--add", cwd=season)
     assert added.stdout == "0 new sessions -> season.toml (2 there already)\n"
     assert manifest.read_bytes() == before
+    manifest.chmod(0o600)
     text = before.decode()
     manifest.write_text(text[: text.index("[[sessions]]", text.index('name = "anna_v"'))])
     added = dataset("init", "videos", "-o", "season.toml", "--add", cwd=season)
     assert "bo_v: v.mp4" in added.stdout
     assert "1 new session -> season.toml (1 there already)" in added.stdout
+    assert manifest.stat().st_mode & 0o777 == 0o600
+    for place in ("videos/anna/v.mp4", "videos/anna/settings.toml"):
+        over = dataset("init", "videos", "-o", place, "--overwrite", cwd=season)
+        assert over.returncode == 2
+        assert "input" in over.stderr
+    away = dataset("init", season / "videos", "-o", season / "season.toml", "--add", cwd=season / "videos")
+    assert f"paths are told as from {season}" in away.stderr
     assert "anna_v: not run (v.mp4)" in dataset("list", "season.toml", cwd=season).stdout
 
     done = dataset("run", "season.toml", "-o", "out", cwd=season)

@@ -620,9 +620,9 @@ def test_a_thousand_videos_are_found_and_told_of(tmp_path, clips):
 
 def added(folder, manifest):
     """What `init --add` adds, and the manifest as it reads then."""
-    new = not_yet_in(manifest, load_season(manifest), find_sessions(folder, manifest))
+    new = not_yet_in(manifest, load_season(manifest, growing=True), find_sessions(folder, manifest), folder)
     before = manifest.read_bytes()
-    manifest.write_text(added_text(new, manifest), encoding="utf-8", newline="")
+    manifest.write_text(added_text(new, manifest, folder), encoding="utf-8", newline="")
     assert manifest.read_bytes().startswith(before.removeprefix(b"\xef\xbb\xbf").rstrip(b"\n"))
     return new, load_season(manifest)
 
@@ -678,7 +678,8 @@ def test_a_chapter_that_came_later_is_told_of_and_not_added(tmp_path, clips):
     clips(here / "GH020007.MP4")
     new, season = added(here, manifest)
     assert new.sessions == ()
-    assert new.notes == ("GH010007: of its recording is GH020007.MP4, too: add to its video",)
+    order = '"videos/GH010007.MP4", "videos/GH020007.MP4"'
+    assert new.notes == (f"GH010007: its recording has more chapters now: video = [{order}]",)
     assert len(season.plans) == 1
 
 
@@ -689,9 +690,11 @@ def test_a_manifest_may_be_saved_in_any_way(tmp_path, clips, how):
     clips(tmp_path / "videos/b.mp4")
     text = '[[sessions]]\nname = "a"  # ä\nvideo = "videos/a.mp4"\n'
     manifest.write_text(text, **({"encoding": "utf-8"} | how))
-    new = not_yet_in(manifest, load_season(manifest), find_sessions(tmp_path / "videos", manifest))
-    whole = added_text(new, manifest)
+    here = tmp_path / "videos"
+    new = not_yet_in(manifest, load_season(manifest), find_sessions(here, manifest), here)
+    whole = added_text(new, manifest, here)
     assert "# ä" in whole
+    assert whole.startswith("\ufeff") == (how == {"encoding": "utf-8-sig"})
     assert ("\r" in whole) == ("newline" in how)
     assert whole.count("\r\n") in (0, whole.count("\n"))
     manifest.write_text(whole, encoding="utf-8", newline="")
@@ -701,6 +704,163 @@ def test_a_manifest_may_be_saved_in_any_way(tmp_path, clips, how):
 def test_sessions_that_nothing_can_be_put_behind(tmp_path, clips):
     manifest = put(tmp_path / "season.toml", 'sessions = [{name = "a", video = "videos/a.mp4"}]\n')
     clips(tmp_path / "videos/b.mp4")
-    new = not_yet_in(manifest, load_season(manifest), find_sessions(tmp_path / "videos", manifest))
+    here = tmp_path / "videos"
+    new = not_yet_in(manifest, load_season(manifest), find_sessions(here, manifest), here)
     with pytest.raises(SettingsError, match=r"begin each session with \[\[sessions\]\]"):
-        added_text(new, manifest)
+        added_text(new, manifest, here)
+
+
+def test_what_is_said_of_all_counts_more_than_what_lies_in_the_folder(tmp_path, clips):
+    here, manifest = tmp_path / "videos", tmp_path / "season.toml"
+    known = '[[sessions]]\nname = "x"\nvideo = "x.mp4"\n'
+    for name in ("a_1", "b_1", "c_1"):
+        clips(here / f"{name}.mp4")
+    for name in ("videos/settings.toml", "videos/analysis.toml", "lab.toml", "chair.toml", "videos/c_1.settings.toml"):
+        put(tmp_path / name, "")
+    general = '[defaults]\nsettings = "lab.toml"\n[[overrides]]\nsessions = "a_*"\n'
+    put(manifest, f'{general}auto = true\nanalysis = "chair.toml"\n{known}')
+    new, season = added(here, manifest)
+    plans = {plan.name: plan for plan in season.plans}
+    told = {name: [Path(str(path)).name for path in (p.settings, p.analysis)] for name, p in plans.items()}
+    assert told["a_1"] == ["lab.toml", "chair.toml"]
+    assert told["b_1"] == ["lab.toml", "analysis.toml"]  # nothing is said of its chair
+    assert told["c_1"] == ["c_1.settings.toml", "analysis.toml"]
+    lacks = {session.name: [line.partition(":")[0] for line in session.missing] for session in new.sessions}
+    assert lacks == {"a_1": [], "b_1": ["seeds"], "c_1": ["seeds", "camera"]}
+
+
+def test_seeds_where_the_manifest_keeps_them_and_where_it_does_not(tmp_path, clips):
+    here, manifest = tmp_path / "videos", tmp_path / "season.toml"
+    put(manifest, '[defaults]\nseeds = "seeds/{stem}.toml"\n[[sessions]]\nname = "x"\nvideo = "x.mp4"\n')
+    for name in ("a", "b", "c"):
+        clips(here / f"{name}.mp4")
+    put(tmp_path / "seeds/a.toml", "")
+    put(here / "b.seeds.toml", "")
+    new, season = added(here, manifest)
+    lacks = {session.name: "seeds" in [line.partition(":")[0] for line in session.missing] for session in new.sessions}
+    assert lacks == {"a": False, "b": False, "c": True}
+    seeds = {plan.name: Path(plan.seeds).relative_to(tmp_path).as_posix() for plan in season.plans if plan.name != "x"}
+    assert seeds == {"a": "seeds/a.toml", "b": "videos/b.seeds.toml", "c": "seeds/c.toml"}
+
+
+def test_logs_that_come_later_are_told_of_and_none_is_two_sessions(tmp_path, clips):
+    here, manifest = tmp_path / "videos", tmp_path / "season.toml"
+    clips(here / "a.mp4", None)
+    clips(here / "b.mp4")
+    put(here / "logs/imu7.csv", clock("10:00:00", "10:00:01"))
+    put(manifest, '[[sessions]]\nname = "a"\nvideo = "videos/a.mp4"\nsensors = "imu=videos/logs/imu7.csv"\n')
+    put(here / "a_wheel.csv")
+    new, season = added(here, manifest)
+    assert new.notes == ("a: not in its sensors: videos/a_wheel.csv",)
+    assert new.sessions[0].notes == ("videos/logs/imu7.csv is another session's already",)
+    assert [plan.name for plan in season.plans if plan.sensors] == ["a"]
+
+
+def test_sensors_that_all_sessions_have_stay_with_what_is_found(tmp_path, clips):
+    here, manifest = tmp_path / "videos", tmp_path / "season.toml"
+    put(manifest, '[defaults]\nsensors = ["{folder}/{stem}_*.csv", "weather=all.csv"]\n')
+    for name in ("all.csv", "videos/a_rim.csv", "videos/b/b_rim.csv", "videos/b/deep/imu.csv"):
+        put(tmp_path / name)
+    clips(here / "a.mp4")
+    clips(here / "b/b.mp4")
+    _, season = added(here, manifest)
+    told = {plan.name: [sensor.name for sensor in plan.sensors] for plan in season.plans}
+    assert told == {"a": ["rim", "weather"], "b_b": ["rim", "imu", "all"]}
+    assert manifest.read_text().count("sensors") == 2
+
+
+def test_videos_that_the_manifest_names_otherwise_are_not_added_again(tmp_path, clips):
+    here, manifest = tmp_path / "videos", tmp_path / "season.toml"
+    for name in ("a", "b", "c", "d [1]"):
+        clips(here / f"{name}.mp4")
+    put(tmp_path / "bc.ffconcat", "ffconcat version 1.0\nfile videos/b.mp4\nfile videos/c.mp4\n")
+    rows = {"a": f"file://{here}/a.mp4", "bc": "bc.ffconcat", "d": "videos/d [1].mp4"}
+    put(manifest, "".join(f'[[sessions]]\nname = "{name}"\nvideo = "{video}"\n' for name, video in rows.items()))
+    new, season = added(here, manifest)
+    assert new.sessions == ()
+    assert season.plans[2].videos == (str(here / "d [1].mp4"),)
+
+
+def test_chapters_that_are_sessions_of_their_own_are_told_of(tmp_path, clips):
+    here, manifest = tmp_path / "videos", tmp_path / "season.toml"
+    rows = ""
+    for name in ("GH010007", "GH020007"):
+        clips(here / f"{name}.MP4")
+        rows += f'[[sessions]]\nname = "{name}"\nvideo = "videos/{name}.MP4"\n'
+    put(manifest, rows)
+    assert added(here, manifest)[0].notes == (
+        "GH010007, GH020007: chapters of one recording, but sessions of their own",
+    )
+
+
+# --- what is no session's, and odd names ---
+
+
+def test_the_tables_of_a_season_are_no_logs(tmp_path, clips):
+    here = tmp_path / "videos"
+    clips(here / "a.mp4")
+    for name in ("season/sessions.parquet", "season/report.html", "season/quality/session=a/quality.parquet"):
+        put(here / name)
+    finding = found_in(tmp_path)
+    assert finding.sessions[0].sensors == finding.leftovers == ()
+    assert finding.notes == ("videos: results of sessions in it are left out: 1",)
+
+
+def test_a_link_to_a_video_that_is_not_found_by_itself_is_the_video(tmp_path, clips):
+    here = tmp_path / "videos"
+    clips(here / "blobs/9f3a")
+    (here / "a.mp4").symlink_to("blobs/9f3a")
+    put(here / "a_wheel.csv")
+    (here / "a_latest.csv").symlink_to("a_wheel.csv")
+    finding = found_in(tmp_path)
+    assert sensors(finding.sessions[0]) == [("wheel", "a_wheel.csv", "by name")]
+    assert lines(finding.leftovers) == ("videos/a_latest.csv: is a link to videos/a_wheel.csv",)
+
+
+def test_umlauts_may_be_written_in_two(tmp_path, clips):
+    here, manifest = tmp_path / "videos", tmp_path / "season.toml"
+    whole, two = "Müller_1", "Müller_1"
+    clips(here / f"{whole}.mp4")
+    clips(here / "b.mp4")
+    put(here / f"{two}_wheel.csv")
+    put(here / f"{two}.seeds.toml", "")
+    finding = find_sessions(here, manifest)
+    session = next(session for session in finding.sessions if session.seeds)
+    assert (session.videos[0].stem, session.seeds.name) == (whole, f"{two}.seeds.toml")
+    assert [sensor.path.name for sensor in session.sensors] == [f"{two}_wheel.csv"]
+    manifest.write_text(manifest_text(finding, here, manifest), encoding="utf-8")
+    plan = next(plan for plan in load_season(manifest).plans if plan.sensors)
+    assert Path(plan.seeds).is_file()
+
+
+def test_braces_in_names_are_no_placeholders(tmp_path, clips):
+    here, manifest = tmp_path / "videos", tmp_path / "season.toml"
+    clips(here / "{stem}/a.mp4")
+    clips(here / "b.mp4")
+    for name in ("settings", "seeds", "analysis"):
+        put(here / "{stem}" / f"{name}.toml", "")
+    manifest.write_text(manifest_text(find_sessions(here, manifest), here, manifest))
+    plan = next(plan for plan in load_season(manifest).plans if plan.name != "b")
+    folder = here / "{stem}"
+    assert [plan.settings, plan.seeds, plan.analysis] == [
+        str(folder / f"{name}.toml") for name in ("settings", "seeds", "analysis")
+    ]
+
+
+def test_the_folder_of_pictures_itself_has_its_seeds_beside_it(tmp_path):
+    for number in (1, 2):
+        (tmp_path / "pics").mkdir(exist_ok=True)
+        cv2.imwrite(str(tmp_path / f"pics/f_{number}.png"), picture(number))
+    seeds = put(tmp_path / "pics.seeds.toml", "")
+    (session,) = find_sessions(tmp_path / "pics", tmp_path / "season.toml").sessions
+    assert session.seeds == seeds
+
+
+def test_a_folder_that_no_manifest_can_name_is_told(tmp_path, clips):
+    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/x\xff")) / "videos"
+    try:
+        clips(folder / "a.mp4")
+    except OSError:
+        pytest.skip("no such names here")
+    with pytest.raises(SourceError, match="rename the folder"):
+        find_sessions(folder, tmp_path / "season.toml")

@@ -168,7 +168,24 @@ def test_chapters_of_a_pattern_are_in_the_order_of_their_names(tmp_path):
         ('[[sessions]]\nname = "a"\nvideo = "1.mp4"\nmerge.imu.offset = "12"\n', "offset"),
         ('[[sessions]]\nname = "a"\nvideo = "1.mp4"\ntimeout_h = 0\n', "timeout_h"),
         ('[[overrides]]\nsessions = "b*"\n[[sessions]]\nname = "a"\nvideo = "1.mp4"\n', "no session is called b*"),
-        ('[[sessions]]\nname = "a"\nvideo = "1.mp4"\nsensors = "imu=*.csv"\n', "would be called imu"),
+        (
+            '[[sessions]]\nname = "a"\nvideo = "1.mp4"\nsensors = "imu=*.csv"\n',
+            "sensor 'imu=*.csv': 2 files",
+        ),
+        ('[[sessions]]\nname = "a"\nvideo = "1.mp4"\nsensors = ["m=x.csv", "m=y.csv"]\n', "called m already"),
+        ('[[sessions]]\nname = "a"\nvideo = "1.mp4"\nsensors = ""\n', "write sensors = []"),
+        ('[[sessions]]\nname = "a"\nvideo = "1.mp4"\nsensors = "wheel="\n', "write sensors = []"),
+        ('[[sessions]]\nname = "a"\nvideo = ""\n', "no video is named"),
+        ('[[sessions]]\nname = "a"\nvideo = []\n', "no video is named"),
+        ('[[sessions]]\nname = "a"\nvideo = 1\n', "sessions 1.video: "),
+        ('[[sessions]]\nname = "season.json"\nvideo = "1.mp4"\n', "not season.json"),
+        ('[[sessions]]\nname = "a"\nvideo = "1.mp4"\nrate = "1e999999999"\n', "pictures a second"),
+        ('[[sessions]]\nname = "a"\nvideo = "1.mp4"\nseeds = "s3://lab/x"\n', "session a: seeds s3://lab/x"),
+        ('[sessions]\nname = "a"\nvideo = "1.mp4"\n', "begin each with [[sessions]], in two brackets"),
+        (
+            '[[sessions]]\nvideo = ["x.csv", "sub/../x.csv", "?.csv"]\n[[sessions]]\nname = "x"\nvideo = "y.csv"\n',
+            "two sessions are called x: ",
+        ),
     ],
 )
 def test_what_is_wrong_is_one_line(tmp_path, text, said):
@@ -208,3 +225,62 @@ def test_names_with_glob_characters_and_names_that_go_on_are_what_they_are(tmp_p
     assert sensor_name("run10.csv", "run1") == "run10"
     assert sensor_name("run1.csv", "run1") == "run1"
     assert session_name(tmp_path / "видео.mp4", tmp_path) == "session"
+
+
+def test_times_and_numbers_need_no_quotes(tmp_path):
+    path = write(
+        tmp_path, '[[sessions]]\nname = "a"\nvideo = "1.mp4"\nrate = 240\nstart_time = 2025-06-01T10:00:00Z\n', "1.mp4"
+    )
+    plan = plans(path)["a"]
+    assert (plan.rate, plan.start_time_ns) == ("240", 1_748_772_000 * 10**9)
+
+
+def test_a_name_too_long_for_any_file_is_one_that_is_not_there(tmp_path):
+    long = "x" * 300
+    path = write(
+        tmp_path, f'[[sessions]]\nname = "a"\nvideo = "1.mp4"\nsettings = "{long}"\nseeds = "{long}"\n', "1.mp4"
+    )
+    assert plans(path)["a"].missing == (f"no settings: there is no {tmp_path / long}",)
+
+
+def test_a_sensor_that_is_gone_is_told_whatever_its_name_has(tmp_path):
+    text = '[[sessions]]\nname = "a"\nvideo = "1.mp4"\nsensors = ["a [[]1]_wheel.csv", "b[{]c}.csv", "maybe*.csv"]\n'
+    missing = plans(write(tmp_path, text, "1.mp4"))["a"].missing
+    assert [line.partition(":")[0] for line in missing] == ["no sensor", "no sensor"]
+
+
+def test_sensors_that_would_be_called_alike_are_numbered(tmp_path):
+    text = '[[sessions]]\nname = "a"\nvideo = "a.mp4"\nsensors = "{stem}*wheel.csv"\n'
+    plan = plans(write(tmp_path, text, "a.mp4", "a-wheel.csv", "a_wheel.csv"))["a"]
+    assert [(s.name, Path(s.path).name) for s in plan.sensors] == [("wheel", "a-wheel.csv"), ("wheel_2", "a_wheel.csv")]
+
+
+def test_merging_told_of_a_sensor_that_the_session_does_not_have_is_noticed(tmp_path):
+    text = (
+        '[defaults]\nmerge.imu.sync = "w"\n'
+        '[[sessions]]\nname = "a"\nvideo = "1.mp4"\nsensors = "wheel.csv"\nmerge.whel.offset = "+2h"\n'
+    )
+    plan = plans(write(tmp_path, text, "1.mp4", "wheel.csv"))["a"]
+    assert plan.missing == ("no sensor is called whel, of which merge.whel speaks",)
+
+
+def test_a_row_without_a_name_has_chapters_together_and_no_video_twice(tmp_path):
+    text = (
+        '[[sessions]]\nvideo = "v/*.MP4"\n[[sessions]]\nvideo = "**/*.MP4"\n'
+        '[[sessions]]\nname = "x"\nvideo = "link/x.MP4"\n'
+    )
+    path = write(tmp_path, text, "v/GOPR0001.MP4", "v/GP010001.MP4", "v/GX020002.MP4", "v/x.MP4")
+    (tmp_path / "link").symlink_to("v")
+    found = plans(path)
+    assert {name: [Path(video).name for video in plan.videos] for name, plan in found.items()} == {
+        "GOPR0001": ["GOPR0001.MP4", "GP010001.MP4"], "GX020002": ["GX020002.MP4"], "x": ["x.MP4"],
+    }  # fmt: skip
+    assert found["GX020002"].missing == ("no video: nothing matches GX010002.MP4",)
+    assert found["GOPR0001"].missing == ()
+
+
+def test_a_manifest_that_grows_need_not_have_what_its_overrides_are_for(tmp_path):
+    path = write(tmp_path, '[defaults]\nauto = true\n[[overrides]]\nsessions = "GOPR*"\nsubject = "anna"\n')
+    assert load_season(path, growing=True).plans == ()
+    with pytest.raises(SettingsError, match="no session in it"):
+        load_season(path)

@@ -20,7 +20,8 @@ from test_season_reach import damaged
 
 from clips import seed
 from spheremcap import api
-from spheremcap.errors import SourceError, UsageError
+from spheremcap.corrections.told import HOW_TO_ANSWER
+from spheremcap.errors import OutputError, SourceError, UsageError
 from spheremcap.interrupt import Interrupted
 from spheremcap.io.mcap_records import McapRecords
 from spheremcap.season import key, requests, run, session, worker
@@ -28,7 +29,7 @@ from spheremcap.season.manifest import HowMerged, Plan, Season, Sensor, load_sea
 from spheremcap.season.outcome import RECORDING, RUN, TABLES, WORK, Outcome, read_outcome, write_outcome, write_season
 from spheremcap.season.run import BusyError, Doing, SeasonRun, run_one, run_season
 from spheremcap.season.session import run_session
-from spheremcap.season.worker import BUSY, PROGRESS, STOPPED, TOO_LARGE, Ended, Worker, Workers, alone
+from spheremcap.season.worker import BUSY, FAILED, KEPT, PROGRESS, STOPPED, TOO_LARGE, Ended, Worker, Workers, alone
 
 LONG = 600  # frames of a session that a test has time to interfere with
 LARGE_BYTES = 1 << 36  # of a file that is read for as long as nobody ends that; nothing is in it
@@ -319,10 +320,11 @@ def test_stopped_between_two_steps_nothing_has_changed(made, tmp_path):
 
 def test_sensors_that_cannot_be_merged_together_are_named(made, tmp_path):
     (tmp_path / "b").mkdir()
-    (tmp_path / "b" / "wheel.csv").write_text(WHEEL)
-    told = made(sensors=["a/wheel.csv", "b/wheel.csv"])
+    for name in ("rim", "hub"):
+        (tmp_path / "b" / f"{name}.csv").write_text(WHEEL)
+    told = made(sensors=["m=b", "m_rim=a/wheel.csv"])  # of the folder one is m_rim, too
     assert told.status == "lost"
-    assert "wheel" in told.lost[0]
+    assert "sensors m, m_rim are left out" in told.lost[0]
     assert "left out" in told.lost[0]
 
 
@@ -391,6 +393,72 @@ def test_nobody_looks_for_markers_that_are_seeded(made, monkeypatch):
     assert made(auto=True).status == "done"
 
 
+def test_a_chapter_that_is_gone_is_no_result(made, tmp_path):
+    told = made(video=["a/v.mp4", "a/w.mp4"])
+    assert (told.status, told.reason) == ("failed", "no video: nothing matches a/w.mp4")
+
+
+@pytest.mark.parametrize("error", [OutputError("out/a: cannot be written: full"), OSError(28, "full")])
+def test_what_cannot_be_written_is_not_the_sessions_fault(made, monkeypatch, error):
+    monkeypatch.setattr(session._Making, "_publish", raising(error))
+    with pytest.raises(OutputError, match=r"cannot be written: full|No space left on device: free some space"):
+        made()
+
+
+def test_an_answer_leaves_what_the_first_tracking_said(made, tmp_path):
+    (tmp_path / "a" / "settings.toml").write_text('[output]\ndebug_images = "none"\n')
+    first = made()
+    assert any("no camera" in note for note in first.notes)
+    seeds = tmp_path / "a" / "v.seeds.toml"
+    before = seeds.read_text()
+    for frames in ("10", "12"):
+        seeds.write_text(f'{before}\n[[seeds]]\nmarker = "orange"\nframe = 8\nto_frame = {frames}\nkind = "hidden"\n')
+        told = made()
+        assert told.recorded.notes == first.recorded.notes
+        assert set(told.notes) >= set(first.notes)
+        assert set(told.notes) - set(first.notes) == set(told.recorded.stretches)
+        assert f"orange: hidden on frames 8 to {frames}" in told.recorded.stretches[0]
+    again = made(subject="anna")
+    assert again.notes == told.notes
+
+
+def test_a_result_whose_videos_have_moved_says_where_they_are(made, tmp_path):
+    made()
+    (tmp_path / "a").rename(tmp_path / "b")
+    lines: list[str] = []
+    told = made(lines.append, video="b/v.mp4", settings="b/settings.toml")
+    assert not any("tracking" in line for line in lines)
+    assert told.videos == (str(tmp_path / "b" / "v.mp4"),)
+    assert told.seeds == str(tmp_path / "b" / "v.seeds.toml")
+
+
+def test_where_to_answer_is_told_as_of_a_season(made, monkeypatch):
+    def lost(*told: Any, **more: Any) -> Any:
+        report = track(*told, **more)
+        report.lost.append(f"orange is LOST: {HOW_TO_ANSWER}")
+        return report
+
+    track = api.track
+    monkeypatch.setattr(api, "track", lost)
+    assert made().lost == ("orange is LOST: spheremcap annotate OUT, and run the season again",)
+
+
+def test_markers_are_looked_for_where_nobody_has_said_where_they_begin(made, tmp_path, monkeypatch):
+    asked: list[int] = []
+
+    def find(*told: Any, **more: Any) -> Any:
+        asked.append(1)
+        raise SourceError("looked for")
+
+    monkeypatch.setattr(api, "find", find)
+    (tmp_path / "a" / "v.seeds.toml").write_text(
+        '[[seeds]]\nmarker = "orange"\nframe = 8\nto_frame = 9\nkind = "hidden"\n'
+    )
+    assert made(auto=True).reason == "looked for"
+    assert "no seeds" in made().reason
+    assert asked == [1]
+
+
 def test_no_memory_is_a_reason_to_fail(made, tmp_path, monkeypatch):
     def much(*told: Any, **more: Any) -> None:
         raise MemoryError
@@ -420,6 +488,13 @@ def ending(monkeypatch: pytest.MonkeyPatch, ended: Ended, do: Callable[[], None]
     yield
 
 
+def raising(error: Exception) -> Callable[..., None]:
+    def fail(*told: Any, **more: Any) -> None:
+        raise error
+
+    return fail
+
+
 def crashed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ended: Ended, log: str = "", **said: Any) -> Outcome:
     """What is said of a session that had a result before and ends so now."""
     folder = tmp_path / "a"
@@ -444,6 +519,7 @@ def test_every_end_of_a_process_has_its_reason(tmp_path, monkeypatch):
         (Ended(1, 10), "Traceback\nMemoryError\n", "out of memory"),
         (Ended(1, 10), "RuntimeError: can't start new thread\n", "out of memory"),
         (Ended(TOO_LARGE, 10), "", "out of memory: it needed more than memory_gb = 2"),
+        (Ended(FAILED, 10), "tracking ...\na/b: cannot be written: it is full\n", "a/b: cannot be written: it is full"),
         (Ended(1, 10), "Traceback\nKeyError: 'x'\n", "a fault of spheremcap's own ended it: KeyError: 'x'"),
         (Ended(STOPPED, 10, hung=True), "", "not done after 3 hours"),
         (Ended(-9, 10, hung=True), "", "not done after 3 hours"),
@@ -460,6 +536,12 @@ def test_a_session_that_has_ended_has_its_memory_noted_and_one_without_a_result_
     told = read_outcome(tmp_path / "a")
     assert told is not None
     assert told.peak_mb == 1234
+    for late in (Ended(KEPT, 99), Ended(0, 1234, hung=True)):  # what is there counts, however late
+        with ending(monkeypatch, late):
+            assert run_one(plan("a"), tmp_path / "a", tmp_path / "stop") == told
+    with ending(monkeypatch, Ended(0, 99)), monkeypatch.context() as full:
+        full.setattr(run, "write_outcome", raising(OutputError("the disk is full")))
+        assert run_one(plan("a"), tmp_path / "a", tmp_path / "stop") is not None
     with ending(monkeypatch, Ended(0, 1234), (tmp_path / "a" / RUN).unlink):
         said = run_one(plan("a"), tmp_path / "a", tmp_path / "stop")
     assert said is not None
@@ -637,6 +719,16 @@ def test_a_run_tells_of_those_before_and_not_of_what_has_changed_since(tmp_path)
     done = season_run(tmp_path / "out", plans, lambda of: outcome(of.name))
     assert done.made == ("b",)
     assert list(done.outcomes) == ["a", "b"]
+
+
+def test_what_a_killed_run_left_to_stop_others_is_taken_away(tmp_path):
+    (tmp_path / "out").mkdir()
+    old, new = tmp_path / "out" / ".stop-1", tmp_path / "out" / ".stop-2"
+    old.touch()
+    new.touch()
+    os.utime(old, (1, 1))
+    season_run(tmp_path / "out", [plan("a")], lambda of: outcome(of.name))
+    assert (old.exists(), new.exists()) == (False, True)
 
 
 def test_who_stops_a_run_leaves_a_file_for_those_at_work_and_takes_it_away(tmp_path):

@@ -12,7 +12,7 @@ from spheremcap.cli.extras import needed
 from spheremcap.cli.progress import bar, loaded
 from spheremcap.cli.said import warn
 from spheremcap.core.time import LARGEST_RELATIVE_NS, NS_PER_S, format_time
-from spheremcap.errors import UsageError, printable
+from spheremcap.errors import SettingsError, UsageError, printable
 from spheremcap.interrupt import Interrupt
 
 if TYPE_CHECKING:
@@ -58,18 +58,24 @@ def init(
     if add and overwrite:
         raise UsageError("--overwrite makes the manifest anew, --add keeps what it says: give one of them")
     loaded()
-    known = load_season(output) if add and output.exists() else None
+    known = load_season(output, growing=True) if add and output.exists() else None
     with bar("files") as shown:
         task = shown.add_task("looking", total=None)
         found = find_sessions(
             folder, output, progress=lambda done, total: shown.update(task, completed=done, total=total)
         )
     if known is not None:
-        found = not_yet_in(output, known, found)
+        found = not_yet_in(output, known, found, folder)
     if known is None or found.sessions:
-        text = manifest_text(found, folder, output) if known is None else added_text(found, output)
-        with whole_file(output, overwrite=overwrite or add) as part:
+        text = manifest_text(found, folder, output) if known is None else added_text(found, output, folder)
+        with whole_file(output, () if known is not None else found.files, overwrite=overwrite or add) as part:
             part.path.write_text(text, encoding="utf-8", newline="")
+            if known is not None:
+                part.path.chmod(output.stat().st_mode)
+            try:  # what cannot be read is not written
+                load_season(part.path, growing=known is not None)
+            except SettingsError as error:
+                raise SettingsError(str(error).replace(str(part.path), f"{output} as it would be")) from error
     for session in found.sessions:
         chapters = f", {len(session.videos)} chapters" if len(session.videos) > 1 else ""
         sensors = f", {', '.join(name for name, _, _ in session.sensors)}" if session.sensors else ""
@@ -78,6 +84,8 @@ def init(
             print(printable(f"    {line}"))
     for line in (*(left.line for left in found.leftovers), *found.notes):
         warn(line)
+    if output.parent.resolve() != Path.cwd().resolve():
+        warn(f"paths are told as from {output.parent}, where the manifest is")
     many = f"session{'s' * (len(found.sessions) != 1)}"
     if known is None:
         print(f"{len(found.sessions)} {many} -> {output}")

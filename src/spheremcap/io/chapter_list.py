@@ -1,7 +1,9 @@
-"""The list of a video's files in order, as FFmpeg's concat demuxer takes it, by a name that ends in .ffconcat."""
+"""The list of a video's files in order, as FFmpeg's concat demuxer takes it, by a name that ends in .ffconcat; and
+which files are one recording, by the names that a camera gives them."""
 
 import os
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -14,6 +16,10 @@ _LARGEST_BYTES = 1 << 20
 _WORD = re.compile(r"(?:'[^']*'|\\.|[^\s'\\])+")
 """What stands between blanks: quotes keep all but themselves as it is, and outside of them a backslash what follows."""
 _PART = re.compile(r"'([^']*)'|\\(.)|([^\s'\\])")
+
+_CHAPTER = re.compile(
+    r"(GOPR|GP(?P<old>\d\d)|(?P<kind>G[HXL])(?P<new>\d\d))(?P<number>\d{4})", re.ASCII | re.IGNORECASE
+)
 
 
 def is_list(path: Path) -> bool:
@@ -89,3 +95,25 @@ def write_list(files: Sequence[Path], at: Path) -> str:
             raise UsageError(f"{file}: a name with a line break cannot stand in a list of chapters; rename it")
         lines.append("file '" + name.replace("'", r"'\''") + "'")
     return "\n".join([*lines, ""])
+
+
+def recordings_of(videos: Sequence[Path]) -> list[tuple[list[Path], list[str]]]:
+    """Videos, by folder and name chapters of one recording of a GoPro's together: in order, and the names of those
+    that are missing."""
+    chapters: dict[tuple[Path, str, str, str], dict[int, Path]] = defaultdict(dict)
+    found: list[tuple[list[Path], list[str]]] = []
+    for video in videos:
+        told = _CHAPTER.fullmatch(video.stem)
+        if told is None:
+            found.append(([video], []))
+            continue
+        of = (video.parent, (told["kind"] or "").upper(), told["number"], video.suffix.lower())
+        if chapters[of].setdefault(int(told["new"] or told["old"] or 0), video) is not video:
+            found.append(([video], []))
+    for (_, kind, number, _), own in chapters.items():
+        ending = next(iter(own.values())).suffix
+        absent = [at for at in range(1 if kind else 0, max(own)) if at not in own]
+        begins = [f"{kind or 'GP'}{at:02}" if kind or at else "GOPR" for at in absent]
+        names = [f"{begin}{number}{ending}" for begin in begins]
+        found.append(([own[at] for at in sorted(own)], names))
+    return found

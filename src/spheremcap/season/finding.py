@@ -5,10 +5,10 @@ Nothing is decoded, and of a sensor's table the head alone is read where that wi
 named with what to do about it; it is never left out without a word.
 """
 
-import itertools
 import os
 import re
 import shlex
+import unicodedata
 from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,6 +23,7 @@ import tomli_w
 from spheremcap.config import Settings, load_settings
 from spheremcap.core.time import NS_PER_S, format_time
 from spheremcap.errors import SettingsError, SourceError, SpheremcapError, UsageError
+from spheremcap.io.chapter_list import recordings_of
 from spheremcap.io.folder import PICTURE_ENDINGS, PictureFolder
 from spheremcap.io.mcap_images import calibration_topics, image_topics
 from spheremcap.io.mcap_records import McapRecords
@@ -32,8 +33,8 @@ from spheremcap.merging.mapping import UnreadTableError
 from spheremcap.merging.sensors import TABLE_ENDINGS, read_sensors
 from spheremcap.merging.tables import open_table
 from spheremcap.merging.times import YEAR_2000_NS
-from spheremcap.season.heads import Facts, head_of, is_ours, is_output, joined, span_of, video_facts
-from spheremcap.season.manifest import NAME, SEPARATORS, sensor_name, session_name
+from spheremcap.season.heads import Facts, head_of, is_ours, is_output, span_of, video_facts
+from spheremcap.season.manifest import NAME, SEPARATORS, free, sensor_name, session_name
 from spheremcap.season.outcome import TABLES
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv", ".webm", ".3gp")
@@ -100,6 +101,16 @@ class Finding:
     leftovers: tuple[Left, ...] = ()
     notes: tuple[str, ...] = ()
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """What belongs to a session or is left over; no folder."""
+        own = [
+            path
+            for one in self.sessions
+            for path in (*one.videos, *(s.path for s in one.sensors), one.settings, one.seeds, one.analysis)
+        ]
+        return tuple(path for path in (*own, *(left.path for left in self.leftovers)) if path and path.is_file())
+
 
 def find_sessions(
     folder: Path, manifest: Path, progress: Callable[[int, int | None], None] = lambda done, total: None
@@ -113,6 +124,11 @@ def find_sessions(
         found = "is a file, not a folder" if folder.exists() else "no such folder"
         raise SourceError(f"{folder}: {found}; name the folder that the videos are in")
     search = _Search(real_path(folder), real_path(manifest).parent)
+    for path in (search.root, search.base):
+        try:
+            str(path).encode()
+        except UnicodeEncodeError:
+            raise SourceError(f"{path}: its name is no UTF-8 text, which a manifest is: rename the folder") from None
     search.walk()
     total = len(search.drafts) + len(search.tables)
     for done, draft in enumerate(search.drafts):
@@ -239,7 +255,7 @@ class _Search:
             return [path for path in files if path.suffix.lower() in endings]
 
         videos = [path for path in ending(VIDEOS) if self._is_new(path)]
-        for group, absent in joined(videos):
+        for group, absent in recordings_of(videos):
             self.drafts.append(_Draft(group, folder, "video", absent))
         self.drafts += [_Draft([path], folder, "mcap") for path in ending([".mcap"])]
         pictures = ending(PICTURE_ENDINGS)
@@ -248,7 +264,8 @@ class _Search:
             self.drafts.append(_Draft([folder], home, "pictures"))
         elif len(pictures) > 1:
             self.notes.append(f"{self.shown(folder)}: {len(pictures)} pictures beside videos are taken for no session")
-        tables = [path for path in ending(TABLE_ENDINGS) if not is_ours(path)] if videos or not results else []
+        tables = [] if results and not videos and not ending([".mcap"]) else ending(TABLE_ENDINGS)
+        tables = [path for path in tables if not is_ours(path) and not self._is_link(path, TABLE_ENDINGS)]
         if folder != self.root and not videos and any(path.stem.lower() in _DEVICE for path in tables):
             tables = [folder]
         self.tables += tables
@@ -258,11 +275,18 @@ class _Search:
         if _MARKED.fullmatch(video.stem):
             self._leave(video, "by its name a rendered video of ours")
             return False
-        real = real_path(video)
-        inside = real.relative_to(self.root).parts if real.is_relative_to(self.root) else (".",)
-        if os.path.islink(video) and os.path.exists(real) and not any(part.startswith(".") for part in inside):
-            self._leave(video, f"is a link to {self.shown(real)}")
+        return not self._is_link(video, VIDEOS)
+
+    def _is_link(self, path: Path, endings: Sequence[str]) -> bool:
+        """Whether it is another name of a file that is found by its own; then it is left over."""
+        if not os.path.islink(path):
             return False
+        real = real_path(path)
+        inside = real.relative_to(self.root).parts if real.is_relative_to(self.root) else (".",)
+        hidden = any(part.startswith(".") for part in inside) or real.suffix.lower() not in endings
+        if hidden or not os.path.exists(real) or _MARKED.fullmatch(real.stem):
+            return False
+        self._leave(path, f"is a link to {self.shown(real)}")
         return True
 
     # --- what a video says of itself ---
@@ -350,7 +374,7 @@ class _Search:
         """By folders and names, once all sessions are known."""
         for draft in self.drafts:
             self._here[draft.home].append(draft)
-            self._stems[draft.home][draft.stem.casefold()].append(draft)
+            self._stems[draft.home][_folded(draft.stem)].append(draft)
             for folder in (draft.home, *draft.home.parents):
                 if folder.is_relative_to(self.root):
                     self._below[folder].append(draft)
@@ -360,9 +384,10 @@ class _Search:
         kinds: tuple[Kind, ...] = ("settings", "seeds", "analysis")
         video = draft.videos[0]
         alone = len(self._here[draft.home]) == 1
+        stems = (draft.stem, *(unicodedata.normalize(form, draft.stem) for form in ("NFC", "NFD")))
         for kind in kinds:
             plain = draft.home / f"{kind}.toml"
-            places = [draft.home / f"{draft.stem}.{kind}.toml"]
+            places = [folder / f"{stem}.{kind}.toml" for folder in (draft.home, video.parent) for stem in stems]
             places += [video / f"{kind}.toml"] if draft.kind == "pictures" else []
             places += [plain] if alone else []
             places += [self.root / f"{kind}.toml"] if kind != "seeds" else []
@@ -374,7 +399,7 @@ class _Search:
                     f"{kind}: {self.shown(plain)} lies beside several videos; if it is this one's, say "
                     f"{kind} = {quoted(self.shown(plain))}"
                 )
-        if len(same := self._stems[draft.home][draft.stem.casefold()]) > 1:
+        if len(same := self._stems[draft.home][_folded(draft.stem)]) > 1:
             others = ", ".join(other.videos[0].name for other in same if other is not draft)
             draft.notes.append(f"{others} has the same name but for its ending, so both share {draft.stem}.seeds.toml")
         if "seeds" not in draft.beside:
@@ -406,7 +431,7 @@ class _Search:
         for folder in (path.parent, *path.parent.parents):
             if own or not folder.is_relative_to(self.root) or folder == self.root:
                 break
-            own = self._stems[folder].get(folder.name.casefold(), [])
+            own = self._stems[folder].get(_folded(folder.name), [])
             if not own and not self._below[folder]:
                 own = _of_name(folder.name, self._stems[folder.parent])
         if not own:
@@ -566,15 +591,14 @@ def _settings(path: Path) -> Settings | str:
 
 def _of_name(name: str, stems: Mapping[str, list[_Draft]]) -> list[_Draft]:
     """Those whose name it begins with, the longest that there is, and a separator behind it."""
+    name = _folded(name)
     ends = [k for k in range(len(name), 0, -1) if k == len(name) or name[k] in SEPARATORS]
-    return next((stems[begin] for k in ends if (begin := name[:k].casefold()) in stems), [])
+    return next((stems[name[:k]] for k in ends if name[:k] in stems), [])
 
 
-def free(wanted: str, taken: set[str]) -> str:
-    """The name, or with a number behind it where it is taken; case does not count."""
-    folded = {other.casefold() for other in taken}
-    numbered = (wanted if n == 1 else f"{wanted[:90]}_{n}" for n in itertools.count(1))
-    return next(name for name in numbered if name.casefold() not in folded)
+def _folded(name: str) -> str:
+    """A name as names are compared: capitals do not count, nor how an umlaut is written (a Mac writes it in two)."""
+    return unicodedata.normalize("NFC", name).casefold()
 
 
 # --- as the manifest has it ---

@@ -3,8 +3,7 @@
 import os
 import re
 import tempfile
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
@@ -16,13 +15,10 @@ from spheremcap.errors import SpheremcapError
 from spheremcap.io.video import open_video, start_of
 from spheremcap.merging.sensors import TABLE_ENDINGS, read_sensors
 from spheremcap.merging.tables import open_table
-from spheremcap.season.outcome import RECORDING, RUN, read_outcome
+from spheremcap.season.outcome import RECORDING, REPORT, RUN, SESSIONS, read_outcome
 
 _TEXTS = (".csv", ".tsv", ".txt", ".data")
 _OURS = (".events.csv", ".strokes.csv", ".mean_cycle.csv")
-_CHAPTER = re.compile(
-    r"(GOPR|GP(?P<old>\d\d)|(?P<kind>G[HXL])(?P<new>\d\d))(?P<number>\d{4})", re.ASCII | re.IGNORECASE
-)
 _HEAD_BYTES = 64 << 10
 
 
@@ -54,30 +50,10 @@ def video_facts(path: Path) -> Facts:
         )  # fmt: skip
 
 
-def joined(videos: Sequence[Path]) -> list[tuple[list[Path], list[str]]]:
-    """Videos of one folder, chapters of one recording of a GoPro's together: in order, and the names of those that
-    are missing."""
-    chapters: dict[tuple[str, str, str], dict[int, Path]] = defaultdict(dict)
-    found: list[tuple[list[Path], list[str]]] = []
-    for video in videos:
-        told = _CHAPTER.fullmatch(video.stem)
-        if told is None:
-            found.append(([video], []))
-            continue
-        of = ((told["kind"] or "").upper(), told["number"], video.suffix.lower())
-        if chapters[of].setdefault(int(told["new"] or told["old"] or 0), video) is not video:
-            found.append(([video], []))
-    for (kind, number, _), own in chapters.items():
-        ending = next(iter(own.values())).suffix
-        absent = [at for at in range(1 if kind else 0, max(own)) if at not in own]
-        begins = [f"{kind or 'GP'}{at:02}" if kind or at else "GOPR" for at in absent]
-        names = [f"{begin}{number}{ending}" for begin in begins]
-        found.append(([own[at] for at in sorted(own)], names))
-    return found
-
-
 def is_output(folder: Path) -> bool:
-    """Whether a folder is a session's result."""
+    """Whether a folder is a session's result, or has the tables of a season."""
+    if all(os.path.isfile(folder / name) for name in (SESSIONS, REPORT)):
+        return True
     there = os.path.isfile(folder / RUN)
     return there and (os.path.isfile(folder / RECORDING) or read_outcome(folder) is not None)
 

@@ -54,11 +54,13 @@ def given(
 
     Raises SettingsError for what is wrong in settings, seeds or manifest, SourceError for a file that is not there.
     """
-    if plan.videos == ():
-        raise SourceError(plan.missing[0] if plan.missing else f"{plan.name}: no video")
+    if gone := [line for line in plan.missing if line.startswith("no video")]:  # or one of several chapters
+        raise SourceError(gone[0])
+    if not plan.videos:
+        raise SourceError(f"{plan.name}: no video")
     settings = Settings() if plan.settings is None else load_settings(Path(plan.settings))
     analysis = AnalysisSettings() if plan.analysis is None else load_analysis_settings(Path(plan.analysis))
-    answers = tuple(load_seeds(Path(plan.seeds))) if Path(plan.seeds).is_file() else ()
+    answers = tuple(load_seeds(Path(plan.seeds))) if os.path.isfile(plan.seeds) else ()
     before = {file.path: file for file in known.inputs} if known is not None else {}
     tracked_files = [*plan.videos, *_named_by(plan.settings, settings.camera.file)]
     merged_files = [path for s in plan.sensors for path in (s.path, s.how.mapping) if path is not None]

@@ -8,10 +8,12 @@ Paths start at the manifest's folder. They may have `*`, `?` and `**` where seve
 
 import glob
 import itertools
+import os
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from datetime import datetime
 from fnmatch import fnmatchcase
 from fractions import Fraction
 from pathlib import Path, PurePosixPath
@@ -22,13 +24,23 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationIn
 from spheremcap.core.stage import StageConfig
 from spheremcap.core.time import parse_time_ns
 from spheremcap.errors import SettingsError, UsageError
+from spheremcap.io.chapter_list import recordings_of
 from spheremcap.io.toml_file import first_problem, read_toml
 from spheremcap.merging.clock import parse_drift, parse_offset
 from spheremcap.season.addresses import is_address
 
+SEASON = "season.json"
+"""The name of the manifest as it was understood, beside the sessions' folders."""
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"
 _NO_NAME = re.compile(r"[^A-Za-z0-9_.-]+")
 _SEVERAL = re.compile(r"[*?\[]")
+_ESCAPED = re.compile(r"\[([\[*?{])\]")
+"""A character that is itself where patterns are taken."""
+_PLACEHOLDER = re.compile(r"\{folder\}|\{stem\}|\{name\}|\[\{\]")
+_NAMED = re.compile(r"[A-Za-z0-9_]+=")
+_EITHER = re.compile(r"\.(str|tuple\[[^]]*\])(?=[.:])")
+"""What pydantic puts behind a key whose value may be of two kinds."""
+_RATE = re.compile(r"\d{1,12}(\.\d{1,12})?(/\d{1,12})?", re.ASCII)
 SEPARATORS = "_-. "
 """What may stand between a video's name and a sensor's in the name of a log."""
 
@@ -76,10 +88,30 @@ class Values(StageConfig):
     timeout_h: float | None = Field(None, gt=0, le=1000, description="hours after which it counts as hung (12)")
     memory_gb: float | None = Field(None, gt=0, le=10_000, description="memory that its process may have, GiB (any)")
 
+    @field_validator("start_time", "rate", mode="before")
+    @classmethod
+    def _without_quotes(cls, value: object) -> object:
+        """A time or a number as TOML has it."""
+        if isinstance(value, datetime):
+            return value.isoformat()
+        return str(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+    @field_validator("sensors")
+    @classmethod
+    def _paths(cls, paths: Paths | None) -> Paths | None:
+        for text in () if paths is None else listed(paths):
+            if not text or (_NAMED.match(text) and text.endswith("=")):
+                raise ValueError("a path is empty; without sensors write sensors = []")
+        return paths
+
     @field_validator("start_time")
     @classmethod
     def _a_time(cls, text: str | None) -> str | None:
-        if text is not None and not 0 <= parse_time_ns(text) < 1 << 63:
+        try:
+            stamp_ns = 0 if text is None else parse_time_ns(text)
+        except ValueError:
+            raise ValueError('neither ISO 8601 such as "2025-06-01T10:00:00Z" nor Unix seconds') from None
+        if not 0 <= stamp_ns < 1 << 63:
             raise ValueError("a recording holds times from 1970 to 2262")
         return text
 
@@ -87,7 +119,7 @@ class Values(StageConfig):
     @classmethod
     def _a_rate(cls, text: str | None) -> str | None:
         with suppress(ValueError, ZeroDivisionError):
-            if text is None or (len(text) < 40 and Fraction(1, 1000) <= Fraction(text) <= 1_000_000):
+            if text is None or (_RATE.fullmatch(text) and Fraction(1, 1000) <= Fraction(text) <= 1_000_000):
                 return text
         raise ValueError('expected pictures a second, 0.001 to 1000000, as in "240"')
 
@@ -95,8 +127,22 @@ class Values(StageConfig):
 class _Row(Values):
     """A session; or, without a name, one for each video that is found."""
 
-    name: str | None = Field(None, pattern=NAME, description="letters, digits, - _ and .; also its folder's name")
-    video: Paths = Field(description="a video, its chapters in order, a folder of pictures or an MCAP")
+    name: str | None = Field(None, description="letters, digits, - _ and .; also its folder's name")
+    video: Paths = Field(description="a video, its chapters in order, their list, a folder of pictures or an MCAP")
+
+    @field_validator("name")
+    @classmethod
+    def _a_folder(cls, name: str | None) -> str | None:
+        if name is not None and (not re.fullmatch(NAME, name) or name == SEASON):
+            raise ValueError(f"expected letters, digits, - _ and ., at most 100, and not {SEASON}; found {name!r}")
+        return name
+
+    @field_validator("video")
+    @classmethod
+    def _some(cls, paths: Paths) -> Paths:
+        if not paths or not all(listed(paths)):
+            raise ValueError("no video is named")
+        return paths
 
 
 class _Override(Values):
@@ -167,42 +213,44 @@ class Season(BaseModel):
     plans: tuple[Plan, ...]
 
 
-def load_season(path: Path) -> Season:
-    """Read a manifest and find its files. Raises SettingsError for one that is wrong."""
-    try:
-        manifest = _Manifest.model_validate(read_toml(path))
-    except ValidationError as error:
-        told = re.sub(r"\b(sessions|overrides)\.(\d+)", lambda row: f"{row[1]} {int(row[2]) + 1}", first_problem(error))
-        raise SettingsError(f"{path}: {told}") from error
+def load_season(path: Path, *, growing: bool = False) -> Season:
+    """Read a manifest and find its files. `growing`: there need be no session yet, nor one for every override. Raises
+    SettingsError for one that is wrong."""
+    manifest = _read(path)
     folder = path.resolve().parent
-    taken: set[str] = set()  # videos of sessions that have a name
+    taken: set[str] = set()  # videos that a session has, links followed
     plans: list[Plan] = []
+
+    def plan_of(row: _Row, name: str, videos: Sequence[str], missing: Sequence[str]) -> None:
+        taken.update(map(_real, videos))
+        try:
+            plans.append(_plan(manifest, row, name, videos, missing, folder))
+        except SettingsError as error:
+            raise SettingsError(f"{path}: session {name}: {error}") from error
+
     for row in manifest.sessions:
         if row.name is not None:
-            found, missing = _found(_listed(row.video), folder)
-            taken.update(found)
-            plans.append(_plan(manifest, row, row.name, found, missing, folder))
+            plan_of(row, row.name, *_found(listed(row.video), folder))
     for number, row in enumerate(manifest.sessions, 1):
         if row.name is None:
-            found, missing = _found(_listed(row.video), folder)
+            found, missing = _found(listed(row.video), folder)
             if not found:
                 raise SettingsError(f"{path}: sessions {number}: no video matches {', '.join(missing)}")
-            for video in found:
-                if video not in taken:
-                    name = session_name(Path(video), _beginning(row.video, video, folder))
-                    plans.append(_plan(manifest, row, name, [video], [], folder))
-    if not plans:
+            for videos, absent in _recordings(found):
+                if taken.isdisjoint(map(_real, videos)):
+                    name = session_name(Path(videos[0]), _beginning(row.video, videos[0], folder))
+                    plan_of(row, name, videos, absent)
+    if not plans and not growing:
         raise SettingsError(f"{path}: no session in it: expected [[sessions]] with name and video")
     named: dict[str, Plan] = {}
     for plan in plans:
         if (same := named.setdefault(plan.name, plan)) is not plan:
-            raise SettingsError(
-                f"{path}: two sessions are called {plan.name}: {', '.join(same.videos)} and {', '.join(plan.videos)}"
-            )
+            both = f"{', '.join(same.videos)} and {', '.join(plan.videos)}"
+            raise SettingsError(f"{path}: two sessions are called {plan.name}: {both}; give them names")
     for number, override in enumerate(manifest.overrides, 1):
-        if not any(_meant(override, name) for name in named):
+        if not growing and not any(_meant(override, name) for name in named):
             raise SettingsError(
-                f"{path}: overrides {number}: no session is called {', '.join(_listed(override.sessions))}"
+                f"{path}: overrides {number}: no session is called {', '.join(listed(override.sessions))}"
             )
     return Season(
         name=manifest.name or path.stem, description=manifest.description,
@@ -210,11 +258,49 @@ def load_season(path: Path) -> Season:
     )  # fmt: skip
 
 
+def general_of(path: Path) -> Callable[[str], dict[str, Any]]:
+    """What a manifest says of a session by its name, in [defaults] and [[overrides]]. Raises SettingsError."""
+    manifest = _read(path)
+    return lambda name: _general(manifest, name)
+
+
+def _general(manifest: "_Manifest", name: str, beside: dict[str, Any] | None = None) -> dict[str, Any]:
+    """The same; `beside` is what lies beside the session's video, nearer than what holds for all."""
+    said = manifest.defaults.model_dump(exclude_none=True) | (beside or {})
+    for override in manifest.overrides:
+        if _meant(override, name):
+            said = _over(said, override.model_dump(exclude_none=True, exclude={"sessions"}))
+    return said
+
+
+def _read(path: Path) -> "_Manifest":
+    told = read_toml(path)
+    for key in ("sessions", "overrides"):
+        if isinstance(told.get(key), dict):
+            raise SettingsError(f"{path}: [{key}] is one table: begin each with [[{key}]], in two brackets")
+    try:
+        return _Manifest.model_validate(told)
+    except ValidationError as error:
+        said = re.sub(r"\b(sessions|overrides)\.(\d+)", lambda row: f"{row[1]} {int(row[2]) + 1}", first_problem(error))
+        raise SettingsError(f"{path}: {re.sub(_EITHER, '', said)}") from error
+
+
+def _recordings(videos: Sequence[str]) -> list[tuple[list[str], list[str]]]:
+    """Which videos are one recording; and the names of the chapters that are missing."""
+    files = recordings_of([Path(video) for video in videos if not is_address(video)])
+    return [([video], []) for video in videos if is_address(video)] + [([str(v) for v in own], no) for own, no in files]
+
+
+def _real(path: str) -> str:
+    """What tells whether two paths are one file's."""
+    return path if is_address(path) else os.path.realpath(path)
+
+
 def _beginning(patterns: Paths, video: str, folder: Path) -> Path:
     """The folder that a video's session is called from: what stands in its pattern before any `*`."""
-    for pattern in _listed(patterns):
-        parts = itertools.takewhile(lambda part: not _SEVERAL.search(part), Path(pattern).parts[:-1])
-        begin = folder.joinpath(*parts)
+    for pattern in listed(patterns):
+        parts = itertools.takewhile(lambda part: not _may_be_several(part), Path(pattern).parts[:-1])
+        begin = folder.joinpath(*(_ESCAPED.sub(r"\1", part) for part in parts))
         if Path(video).is_relative_to(begin):
             return begin
     return folder
@@ -244,25 +330,23 @@ def _plan(
     manifest: _Manifest, row: _Row, name: str, videos: Sequence[str], missing: Sequence[str], folder: Path
 ) -> Plan:  # fmt: skip
     video = videos[0] if videos else str(folder / name)
-    place = _Place(folder, video, name)
-    said = manifest.defaults.model_dump(exclude_none=True)
-    if Path(beside := place.beside("settings")).is_file():  # nearer than what holds for all
-        said["settings"] = beside
-    for override in manifest.overrides:
-        if _meant(override, name):
-            said = _over(said, override.model_dump(exclude_none=True, exclude={"sessions"}))
+    place = Place(folder, video, name)
+    beside = place.beside("settings")
+    said = _general(manifest, name, {"settings": beside.replace("{", "[{]")} if os.path.isfile(beside) else {})
     said = _over(said, row.model_dump(exclude_none=True, exclude={"name", "video"}))
-    gone = [f"no video: nothing matches {pattern}" for pattern in missing]
+    gone = [f"no video: nothing matches {pattern}" for pattern in missing]  # a chapter, too
     for key in ("settings", "analysis"):
         if key in said:
             said[key] = place.file(key, said[key])
             gone += _gone(key, said[key])
     said["seeds"] = place.file("seeds", said["seeds"]) if "seeds" in said else place.beside("seeds")
-    if not said.get("auto") and not Path(said["seeds"]).is_file():
+    if not said.get("auto") and not os.path.isfile(said["seeds"]):
         said["seedless"] = _no_seeds(video, said["seeds"], said.get("settings"), place.beside("settings"))
     how = {key: HowMerged.model_validate(one) for key, one in said.pop("merge", {}).items()}
-    sensors, unmatched = _sensors(_listed(said.pop("sensors", ())), place)
+    sensors, unmatched = sensors_in(listed(said.pop("sensors", ())), place)
     gone += [f"no sensor: nothing matches {pattern}" for pattern in unmatched]
+    strange = set(row.merge or ()) - {sensor.name for sensor in sensors}
+    gone += [f"no sensor is called {one}, of which merge.{one} speaks" for one in sorted(strange)]
     merged = []
     for sensor in sensors:
         own = how.get(sensor.name, HowMerged())
@@ -273,7 +357,7 @@ def _plan(
     return Plan(name=name, videos=tuple(videos), sensors=tuple(merged), missing=tuple(gone), **said)
 
 
-class _Place:
+class Place:
     """Where a session's paths start, and what their placeholders stand for."""
 
     def __init__(self, folder: Path, video: str, name: str) -> None:
@@ -284,9 +368,8 @@ class _Place:
         self._names = {"{folder}": self._around, "{stem}": self._stem, "{name}": name}
 
     def path(self, text: str) -> str:
-        """Absolute; an address stays."""
-        for name, what in self._names.items():
-            text = text.replace(name, what)
+        """Absolute; an address stays. A brace is written [{] where it begins no placeholder."""
+        text = _PLACEHOLDER.sub(lambda found: self._names.get(found[0], "{"), text)
         return text if is_address(text) else str(self._folder / text)
 
     def file(self, key: str, text: str) -> str:
@@ -300,8 +383,7 @@ class _Place:
         """The same for what may match several files: only what was written is a pattern, no file's own name."""
         if is_address(text) or is_address(self._around):
             return self.path(text)
-        for name, what in self._names.items():
-            text = text.replace(name, glob.escape(what))
+        text = _PLACEHOLDER.sub(lambda found: glob.escape(self._names.get(found[0], found[0])), text)
         return str(Path(glob.escape(str(self._folder))) / text)
 
     def beside(self, kind: str) -> str:
@@ -311,26 +393,35 @@ class _Place:
         return f"{self._around}/{self._stem}.{kind}.toml"
 
 
-def _sensors(texts: Sequence[str], place: _Place) -> tuple[list[Sensor], list[str]]:
+def sensors_in(texts: Sequence[str], place: Place) -> tuple[list[Sensor], list[str]]:
     """What is merged, and the patterns that match nothing. Without a name of its own a sensor is called as its file,
-    less the video's name that it may begin with."""
+    less the video's name that it may begin with, and with a number behind it where another has that name."""
     found: list[Sensor] = []
     unmatched = []
     for text in texts:
         name, equals, path = text.partition("=")
-        named = bool(equals) and re.fullmatch(r"[A-Za-z0-9_]+", name) is not None
+        named = bool(equals) and _NAMED.match(text) is not None
         written = path if named else text
-        pattern = place.pattern(written)
-        there = [pattern] if is_address(pattern) else sorted(glob.glob(pattern, recursive=True))
-        if not there and not _SEVERAL.search(written):
+        there = _there(place.path(written), place.pattern(written))
+        if not there and not _may_be_several(written):
             unmatched.append(place.path(written))
         if named and len(there) > 1:
             raise SettingsError(f"sensor {text!r}: {len(there)} files match, and all would be called {name}")
         for one in there:
-            sensor = Sensor(name=name if named else sensor_name(one, place._stem), path=one)
-            if one not in (other.path for other in found):
-                found.append(sensor)
+            if one in (other.path for other in found):
+                continue
+            names = {other.name for other in found}
+            if named and name in names:
+                raise SettingsError(f"sensor {text!r}: another one is called {name} already")
+            found.append(Sensor(name=name if named else free(sensor_name(one, place._stem), names), path=one))
     return found, unmatched
+
+
+def free(wanted: str, taken: set[str]) -> str:
+    """The name, or with a number behind it where it is taken; case does not count."""
+    folded = {other.casefold() for other in taken}
+    numbered = (wanted if n == 1 else f"{wanted[:90]}_{n}" for n in itertools.count(1))
+    return next(name for name in numbered if name.casefold() not in folded)
 
 
 def sensor_name(path: str, stem: str) -> str:
@@ -347,23 +438,34 @@ def _found(patterns: Sequence[str], folder: Path) -> tuple[list[str], list[str]]
     missing = []
     for pattern in patterns:
         whole = pattern if is_address(pattern) else str(Path(glob.escape(str(folder))) / pattern)
-        there = [whole] if is_address(whole) else sorted(glob.glob(whole, recursive=True))
+        there = _there(str(folder / pattern), whole)
         if not there:
             missing.append(pattern)
         found |= dict.fromkeys(there)
     return list(found), missing
 
 
-def _listed(paths: Paths) -> tuple[str, ...]:
+def _there(path: str, pattern: str) -> list[str]:
+    """The file of that very name, where there is one; else what the pattern matches. An address stands for itself."""
+    if is_address(pattern):
+        return [pattern]
+    return [path] if os.path.lexists(path) else sorted(glob.glob(pattern, recursive=True))
+
+
+def _may_be_several(written: str) -> bool:
+    return _SEVERAL.search(_ESCAPED.sub("", written)) is not None
+
+
+def listed(paths: Paths) -> tuple[str, ...]:
     return (paths,) if isinstance(paths, str) else tuple(paths)
 
 
 def _gone(what: str, path: str) -> list[str]:
-    return [] if Path(path).is_file() else [f"no {what}: there is no {path}"]
+    return [] if os.path.isfile(path) else [f"no {what}: there is no {path}"]
 
 
 def _meant(override: _Override, name: str) -> bool:
-    return any(fnmatchcase(name, pattern) for pattern in _listed(override.sessions))
+    return any(fnmatchcase(name, pattern) for pattern in listed(override.sessions))
 
 
 def _over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:

@@ -7,11 +7,13 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from spheremcap.errors import SourceError
 from spheremcap.io.output import VERSION, write_durably
+from spheremcap.season.manifest import SEASON as SEASON
 from spheremcap.season.manifest import Plan, Season
 
-SEASON = "season.json"
 RUN = "run.json"
 RECORDING = "session.mcap"
+SESSIONS, REPORT = "sessions.parquet", "report.html"
+"""What `dataset tables` writes for all sessions, beside a folder for each table."""
 TABLES = "tables"
 LOG = "log.txt"
 WORK = ".work"

@@ -2,33 +2,36 @@
 adds to one that somebody has changed already."""
 
 import glob
+import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from spheremcap.errors import SettingsError, printable
-from spheremcap.io.toml_file import read_toml, toml_text
+from spheremcap.errors import SettingsError, SourceError, printable
+from spheremcap.io.chapter_list import chapters_in, is_list
+from spheremcap.io.toml_file import toml_text
 from spheremcap.season.addresses import is_address
-from spheremcap.season.finding import Finding, Found, FoundSensor, free, quoted, real_path, times, when, written
-from spheremcap.season.manifest import Season, sensor_name
+from spheremcap.season.finding import Finding, Found, FoundSensor, quoted, real_path, times, when, written
+from spheremcap.season.manifest import Place, Season, free, general_of, listed, sensor_name, sensors_in
 
 _PREFACE = """\
 # Edit this file as you like. A line that begins with # and no blank behind it is an example: take the # away.
 #
 # What [defaults] say holds for all sessions, what [[overrides]] say for those whose names match (the last one counts),
-# and what a session says itself counts most. Paths start at this file's folder. They may have *, ? and ** where several
-# files are meant, and {folder}, {stem} and {name}: the folder of the session's video, the video's name without its
-# ending, and the session's name. {stem}.settings.toml and {stem}.seeds.toml beside the video need not be named; such
-# settings count more than those of [defaults].
+# and what a session says itself counts most. Paths start at this file's folder. Those of videos and sensors may have
+# *, ? and ** where several files are meant; all but the video's {folder}, {stem} and {name}: the folder of the video,
+# its name without its ending, and the session's name. {stem}.settings.toml and {stem}.seeds.toml beside the video need
+# not be named; such settings count more than those of [defaults].
 """
 
 _ANSWERS = {
-    "settings": ("settings", "camera"), "auto": ("seeds",), "rate": ("rate",), "topic": ("topic",),
+    "settings": ("settings", "camera"), "auto": ("seeds",), "seeds": ("seeds",), "rate": ("rate",), "topic": ("topic",),
     "start_time": ("start time",),
 }  # fmt: skip
 """Keys of a manifest, and what is not missing any more where they are said."""
+_BOM = b"\xef\xbb\xbf"
 
 
 def manifest_text(found: Finding, folder: Path, manifest: Path, season_name: str = "") -> str:
@@ -39,14 +42,15 @@ def manifest_text(found: Finding, folder: Path, manifest: Path, season_name: str
     """
     root, base = real_path(folder), real_path(manifest).parent
     shared = {kind: path for kind in ("settings", "analysis") if (path := _shared(found, kind, root)) is not None}
+    said = {kind: written(path, base) for kind, path in shared.items()}
     lines = [
         *_comments(f"The sessions that were found in {written(root, base)}."),
         *_PREFACE.splitlines(),
         f"name = {quoted(season_name or manifest.stem)}",
         "",
         "[defaults]",
-        *(f"{kind} = {quoted(written(path, base))}" for kind, path in shared.items()),
-        *(f'#{kind} = "{kind}.toml"' for kind in ("settings", "analysis") if kind not in shared),
+        *(f"{kind} = {quoted(path)}" for kind, path in said.items()),
+        *(f'#{kind} = "{kind}.toml"' for kind in ("settings", "analysis") if kind not in said),
         "#auto = true  # look for markers that nobody seeded",
         '#merge.imu.sync = "left_wrist"  # find the clock of the sensor that is called imu',
         '#merge.wheel.offset = "+2h"',
@@ -54,7 +58,7 @@ def manifest_text(found: Finding, folder: Path, manifest: Path, season_name: str
         *_examples(found, root, base),
     ]
     for session in found.sessions:
-        lines += ["", *_session_lines(session, base, shared)]
+        lines += ["", *_session_lines(session, base, root, said)]
     if found.leftovers:
         lines += ["", *_comments("In no session:")]
         lines += _comments(*(left.line for left in found.leftovers))
@@ -63,44 +67,60 @@ def manifest_text(found: Finding, folder: Path, manifest: Path, season_name: str
     return "\n".join(lines) + "\n"
 
 
-def not_yet_in(manifest: Path, season: Season, found: Finding) -> Finding:
-    """What was found and is in no session of a manifest: sessions by names that are free in it, without what its
-    [defaults] say for them, and left-over files that no session of it merges. A chapter that came to a recording later
-    is one of the notes."""
-    owner = {_real(video): plan.name for plan in season.plans for video in plan.videos}
-    merged = {_real(sensor.path) for plan in season.plans for sensor in plan.sensors}
+def not_yet_in(manifest: Path, season: Season, found: Finding, folder: Path) -> Finding:
+    """What was found in `folder` and is in no session of a manifest: sessions by names that are free in it, without
+    what its [defaults] and [[overrides]] say for them, and left-over files that no session of it merges. A chapter or a
+    log that came to a session later is one of the notes."""
+    base = real_path(manifest).parent
+    general = general_of(manifest)
+    owner = {real: plan.name for plan in season.plans for video in plan.videos for real in _files(video)}
+    merged = {real for plan in season.plans for sensor in plan.sensors for real in _files(sensor.path)}
     names = {plan.name for plan in season.plans}
-    said = read_toml(manifest).get("defaults", {})
     new, notes = [], list(found.notes)
     for session in found.sessions:
+        logs = {written(sensor.path, base): real_path(sensor.path) in merged for sensor in session.sensors}
         if known := [owner[video] for path in session.videos if (video := real_path(path)) in owner]:
-            more = [path.name for path in session.videos if real_path(path) not in owner]
-            notes += [f"{known[0]}: of its recording is {', '.join(more)}, too: add to its video"] if more else []
+            if {real_path(path) for path in session.videos} - owner.keys():
+                order = ", ".join(quoted(written(path, base)) for path in session.videos)
+                notes.append(f"{known[0]}: its recording has more chapters now: video = [{order}]")
+            elif len(set(known)) > 1:
+                notes.append(f"{', '.join(sorted(set(known)))}: chapters of one recording, but sessions of their own")
+            more = [log for log, there in logs.items() if not there]
+            notes += [f"{known[0]}: not in its sensors: {', '.join(more)}"] if more else []
         else:
             names.add(name := free(session.name, names))
-            new.append(replace(_with(said, session), name=name))
+            told = tuple(f"{log} is another session's already" for log, there in logs.items() if there)
+            sensors = tuple(sensor for sensor in session.sensors if real_path(sensor.path) not in merged)
+            own = replace(session, name=name, sensors=sensors, notes=(*session.notes, *told))
+            new.append(_with(general(name), own, base, real_path(folder)))
     leftovers = tuple(left for left in found.leftovers if real_path(left.path) not in merged)
     return Finding(tuple(new), leftovers, tuple(notes))
 
 
-def _with(said: Mapping[str, Any], session: Found) -> Found:
-    """A session that does not lack what `[defaults]` say."""
+def _with(said: Mapping[str, Any], session: Found, base: Path, root: Path) -> Found:
+    """A session that does not lack what a manifest says in general."""
+    place = Place(base, str(session.videos[0]), session.name)
+    answers = {key for key in _ANSWERS if said.get(key)}
+    if session.settings is not None and session.settings != root / "settings.toml":
+        answers.discard("settings")  # its own count
+    if "seeds" in answers and not os.path.isfile(place.path(said["seeds"])):
+        answers.discard("seeds")
     mapped = {name for name, how in said.get("merge", {}).items() if "mapping" in how}
-    answered = {word for key, words in _ANSWERS.items() if said.get(key) for word in words}
-    answered |= {f"sensor {name}" for name in mapped}
+    answered = {word for key in answers for word in _ANSWERS[key]} | {f"sensor {name}" for name in mapped}
     missing = tuple(line for line in session.missing if line.partition(":")[0] not in answered)
     return replace(session, unread=session.unread - mapped, missing=missing)
 
 
-def added_text(found: Finding, manifest: Path) -> str:
-    """The text of a manifest, as it stands, with what was found as sessions at its end. Raises SettingsError where it
-    has none that others can be put behind."""
-    base = real_path(manifest).parent
-    said = read_toml(manifest).get("defaults", {})
-    shared = {kind: base / said[kind] for kind in ("settings", "analysis") if kind in said}
+def added_text(found: Finding, manifest: Path, folder: Path) -> str:
+    """The text of a manifest, as it stands, with what was found in `folder` as sessions at its end. Raises
+    SettingsError where it has none that others can be put behind."""
+    base, root = real_path(manifest).parent, real_path(folder)
+    general = general_of(manifest)
     text = toml_text(manifest)
     end = "\r\n" if "\r\n" in text else "\n"
-    lines = [line for session in found.sessions for line in ("", *_session_lines(session, base, shared))]
+    lines = [
+        line for session in found.sessions for line in ("", *_session_lines(session, base, root, general(session.name)))
+    ]
     whole = text + end * (not text.endswith("\n")) + "".join(line + end for line in lines)
     try:
         tomllib.loads(whole)
@@ -108,11 +128,18 @@ def added_text(found: Finding, manifest: Path) -> str:
         raise SettingsError(
             f"{manifest}: nothing can be added to it ({error}): begin each session with [[sessions]]"
         ) from error
-    return whole
+    return "\ufeff" * manifest.read_bytes().startswith(_BOM) + whole
 
 
-def _real(path: str) -> Path | None:
-    return None if is_address(path) else real_path(Path(path))
+def _files(path: str) -> list[Path]:
+    """The files that a manifest means with a path, links followed: a list's chapters, and file:// as what it is."""
+    if is_address(path) and not path.startswith("file://"):
+        return []
+    whole = Path(path.removeprefix("file://"))
+    try:
+        return [real_path(file) for file in (chapters_in(whole) if is_list(whole) else [whole])]
+    except SourceError:  # which its run will say
+        return [real_path(whole)]
 
 
 def _shared(found: Finding, kind: str, root: Path) -> Path | None:
@@ -137,7 +164,8 @@ def _examples(found: Finding, root: Path, base: Path) -> list[str]:
     ]
 
 
-def _session_lines(session: Found, base: Path, shared: Mapping[str, Path]) -> list[str]:
+def _session_lines(session: Found, base: Path, root: Path, said: Mapping[str, Any]) -> list[str]:
+    """A session's row, with what the manifest does not say of it in general."""
     video = session.videos[0]
     told = [
         "" if session.size is None else times(session.size),
@@ -150,18 +178,36 @@ def _session_lines(session: Found, base: Path, shared: Mapping[str, Path]) -> li
     paths = [quoted(_pattern(written(path, base))) for path in session.videos]
     lines += ["[[sessions]]", f"name = {quoted(session.name)}"]
     lines += [f"video = {paths[0]}"] if len(paths) == 1 else ["video = [", *(f"    {path}," for path in paths), "]"]
+    place = Place(base, str(video), session.name)
     for kind in ("settings", "seeds", "analysis"):
         path = getattr(session, kind)
-        beside = video.parent / f"{video.stem}.{kind}.toml"
-        by_default = beside if kind != "analysis" and path == beside else shared.get(kind)
-        if path is not None and path != by_default:
-            lines.append(f"{kind} = {quoted(written(path, base))}")
-    sensors = [(_sensor_text(sensor, video.stem, base), sensor) for sensor in session.sensors]
-    if len(session.unread) < len(sensors):
-        rows = (f"    {'#' * (s.name in session.unread)}{text},  # {s.name}, {s.why}" for text, s in sensors)
-        lines += ["sensors = [", *rows, "]"]
+        if path is not None and not _goes_without(kind, path, place, root, said):
+            lines.append(f"{kind} = {quoted(written(path, base).replace('{', '[{]'))}")
+    return lines + _sensor_lines(session, base, place, said)
+
+
+def _goes_without(kind: str, path: Path, place: Place, root: Path, said: Mapping[str, Any]) -> bool:
+    """Whether a session has a file without naming it, or what is said in general counts more."""
+    general = real_path(Path(place.path(said[kind]))) if kind in said else None
+    beside = kind != "analysis" and path == Path(place.beside(kind))
+    if kind == "seeds" and general is not None:
+        return path == general or general.is_file()
+    return beside or path == general or (general is not None and path == root / f"{kind}.toml")
+
+
+def _sensor_lines(session: Found, base: Path, place: Place, said: Mapping[str, Any]) -> list[str]:
+    sensors = [(_sensor_text(sensor, session.videos[0].stem, base), sensor) for sensor in session.sensors]
+    general = [real_path(Path(s.path)) for s in sensors_in(listed(said.get("sensors", ())), place)[0]]
+    lines = []
+    if general and {sensor.path for sensor in session.sensors} <= set(general):
+        pass  # all of it is said already
+    elif len(session.unread) < len(sensors):
+        own = {sensor.path for sensor in session.sensors}
+        rows = [f"    {'#' * (s.name in session.unread)}{text},  # {s.name}, {s.why}" for text, s in sensors]
+        rows += [f"    {quoted(_pattern(written(path, base)))}," for path in general if path not in own]
+        lines = ["sensors = [", *rows, "]"]
     elif sensors:
-        lines.append(f"#sensors = [{', '.join(text for text, _ in sensors)}]")
+        lines = [f"#sensors = [{', '.join(text for text, _ in sensors)}]"]
     return lines + [f"#merge.{name}.offset = {quoted(offset)}" for name, offset in session.offsets.items()]
 
 

@@ -23,7 +23,9 @@ from spheremcap.io.strokes import columns_of, has_strokes, read_strokes
 from spheremcap.season.manifest import Season
 from spheremcap.season.outcome import (
     RECORDING,
+    REPORT,
     RUN,
+    SESSIONS,
     TABLES,
     ClockOutcome,
     Outcome,
@@ -35,8 +37,6 @@ from spheremcap.season.page import page
 from spheremcap.season.rows import NOT_RUN, columns_of_rows, floats, integers, rows_of, share_of, texts
 
 POSES, STROKES, EVENTS, QUALITY, CLOCKS = "poses", "strokes", "events", "quality", "clocks"
-SESSIONS = "sessions.parquet"
-REPORT = "report.html"
 NO_TABLES = "its tables could not be read, nor made again from its recording"
 
 Progress = Callable[[int, int | None], None]
