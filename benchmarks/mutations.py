@@ -59,6 +59,7 @@ KILLS = "tests/abuse/test_kills.py"
 SIZE, MATCHING = "tests/positioning/test_size.py", "tests/verification/test_matching.py"
 ASPECT = "tests/detection/test_aspect.py"
 SEASON, SEASON_RUN = "tests/season/test_season_faults.py", "tests/season/test_season_run.py"
+FINDING, MANIFEST = "tests/season/test_finding.py", "tests/season/test_manifest.py"
 SPOTS, HUES = "tests/detection/test_spots.py", "tests/detection/test_hues.py"
 PROPOSALS, FOUND = "tests/test_proposals.py", "tests/test_found.py"
 SNAP, AUTO = "tests/test_snap.py", "tests/cli/test_auto.py"
@@ -1633,7 +1634,7 @@ FAULTS = (
     ),
     Fault(
         780, "season's key: a file that is as large as it was is the same", "season/key.py",
-        "(same.size_bytes, same.mtime_ns) == (size, mtime_ns)", "same.size_bytes == size", (SEASON,),
+        "same.state == state", "same.size_bytes == size", (SEASON,),
     ),
     Fault(
         781, "season: what other first circles began is taken up", "season/session.py",
@@ -1670,6 +1671,88 @@ FAULTS = (
     Fault(
         788, "season: a question goes by the marker, whichever camera sees it", "season/requests.py",
         'place = f"{camera}/" if camera is not None else ""', 'place = ""', (SEASON,),
+    ),
+    Fault(
+        789, "season: a job's end is taken for its session's crash", "season/worker.py",
+        "        signal.signal(number, signal.SIG_IGN)", "        pass", (SEASON_RUN,),
+    ),
+    Fault(
+        790, "season: once a session has stopped, nobody is asked any more", "season/run.py",
+        "if not asked and stop():", "if not stopped and stop():", (SEASON_RUN,),
+    ),
+    Fault(
+        791, "season: an address is another one once it was read", "season/addresses.py",
+        "if told.get(key) is not None] or filesystem.ukey(place)", "if False] or filesystem.ukey(place)",
+        ("tests/season/test_addresses.py",),
+    ),
+    Fault(
+        792, "season: a result that was cut short is whole", "season/outcome.py",
+        "(folder / name).stat().st_size == size", "(folder / name).exists()", (SEASON,),
+    ),
+    Fault(
+        793, "season's key: pictures may change places", "season/key.py",
+        "(one.name, s.st_size, s.st_mtime_ns, s.st_ctime_ns)", "(s.st_size, s.st_mtime_ns, 0)", (SEASON,),
+    ),
+    Fault(
+        794, "season's key: what takes its original's date with it is the original", "season/key.py",
+        "s.st_mtime_ns, s.st_ctime_ns)", "s.st_mtime_ns)", (SEASON,),
+    ),
+    Fault(
+        795, "season: a chapter that is gone is not missed", "season/key.py",
+        'if line.startswith("no video")]:', 'if not plan.videos]:', (SEASON,),
+    ),
+    Fault(
+        796, "season: the log tells of a run that made nothing", "season/worker.py",
+        "(folder / LOG).write_bytes(before)", "pass", (SEASON_RUN,),
+    ),
+    Fault(
+        797, "season: after an answer the tracking's own notes are gone", "season/session.py",
+        "self._reported([], self.before.recorded.notes, False)", "pass", (SEASON,),
+    ),
+    Fault(
+        798, "season: a session may have any memory", "season/worker.py",
+        "    os._exit(TOO_LARGE)", "    pass", (SEASON_RUN,),
+    ),
+    Fault(
+        799, "season: a whole result is thrown away for the hour", "season/run.py",
+        "if ended.hung and ended.code not in (0, KEPT):", "if ended.hung:", (SEASON,),
+    ),
+    Fault(
+        800, "manifest: a name with brackets is a pattern", "season/manifest.py",
+        "[path] if os.path.lexists(path) else sorted(", "sorted(", (FINDING,),
+    ),
+    Fault(
+        801, "manifest: a sensor that is gone and has brackets is not missed", "season/manifest.py",
+        '_SEVERAL.search(_ESCAPED.sub("", written))', "_SEVERAL.search(written)", (MANIFEST,),
+    ),
+    Fault(
+        802, "manifest: two sensors may be called alike", "season/manifest.py",
+        "free(sensor_name(one, place._stem), names)", "sensor_name(one, place._stem)", (MANIFEST,),
+    ),
+    Fault(
+        803, "manifest: a video is two sessions by two paths", "season/manifest.py",
+        "return path if is_address(path) else os.path.realpath(path)", "return path", (MANIFEST,),
+    ),
+    Fault(
+        804, "init --add: what lies in the folder overrules what somebody wrote", "season/proposed.py",
+        'or (general is not None and path == root / f"{kind}.toml")', "", (FINDING,),
+    ),
+    Fault(
+        805, "init --add: a log is two sessions'", "season/proposed.py",
+        "for sensor in session.sensors if real_path(sensor.path) not in merged)", "for sensor in session.sensors)",
+        (FINDING,),
+    ),
+    Fault(
+        806, "init --add: logs that came later are passed over", "season/proposed.py",
+        "more = [log for log, there in logs.items() if not there]", "more = []", (FINDING,),
+    ),
+    Fault(
+        807, "init: an input may be written over", "cli/dataset.py",
+        "() if known is not None else found.files", "()", ("tests/season/test_dataset_command.py",),
+    ),
+    Fault(
+        808, "season: a file that was written again and is the same is another one", "season/key.py",
+        "(is_address(path) or file.sha256 != _content(Path(path), going_on))", "True", (SEASON,),
     ),
 )  # fmt: skip
 

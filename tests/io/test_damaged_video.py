@@ -12,7 +12,7 @@ import pytest
 from test_picture import recording
 
 from spheremcap.core.frame import Frame
-from spheremcap.io import video
+from spheremcap.io import video, video_index
 from spheremcap.io.annex_b import AnnexB
 from spheremcap.io.mcap_images import McapImageSource
 from spheremcap.io.pictures import open_pictures
@@ -84,10 +84,19 @@ def test_pictures_shown_before_a_damaged_one_that_they_are_made_from_are_as_one_
         path = media.video(tmp_path / f"{seed}.mkv", 30, size=(320, 240), options=options, change=turn)
         with VideoSource(path) as source:
             found = pixels(source.frames(), 0)
+        looked_up = in_order(path)
         monkeypatch.setattr(video, "open_video", lambda path, careful=False, real=video.open_video: real(path, True))
+        monkeypatch.setattr(video_index, "open_video", video.open_video)
         with VideoSource(path) as source:
             assert found == pixels(source.frames(), 0), seed
+        assert looked_up == in_order(path), seed
         monkeypatch.undo()
+
+
+def in_order(path: Path) -> list[tuple[int, int, int]]:
+    """What looking the pictures up gives, one after another."""
+    with open_pictures(path) as pictures:
+        return pixels(filter(None, map(pictures.frame, range(pictures.count))), 0)
 
 
 def test_a_damaged_recording_gives_the_same_pixels_every_time(tmp_path: Path) -> None:

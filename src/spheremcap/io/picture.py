@@ -10,11 +10,12 @@ import itertools
 import re
 import struct
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
-from typing import Any, TypeVar, cast
+from typing import Any, Generic, TypeVar, cast
 
 import av
 import av.filter
@@ -28,6 +29,7 @@ from av.video.reformatter import VideoReformatter
 
 from spheremcap.core.frame import BgrFrame, Frame, YuvFrame, yuv_to_bgr_matrix
 from spheremcap.core.time import NS_PER_S
+from spheremcap.io.annex_b import Packet
 from spheremcap.io.siting import lies_midway
 
 _AV_LOG_QUIET = -8  # AV_LOG_QUIET, below PANIC: FFmpeg's own callback prints nothing
@@ -110,6 +112,51 @@ def decoded_once_more(read: Callable[[bool], Iterator[_Item]]) -> Iterator[_Item
     except Damaged:
         pass
     yield from itertools.islice(read(True), given, None)
+
+
+class HeldBack(Generic[_Item]):
+    """Decoded pictures, held back until all that were decoded before them, from which they may be made, are out.
+
+    Where one of those turns out to be damaged, so may be what is held back.
+    """
+
+    def __init__(self) -> None:
+        self.packets: dict[int, tuple[int, Packet]] = {}
+        """By time stamp, those whose pictures are not out, each with its place in the stream."""
+        self._held: deque[tuple[int, _Item]] = deque()
+        self._places = 0
+
+    def goes_in(self, packet: Packet) -> None:
+        """A packet that goes into the decoder."""
+        if packet.size and packet.pts is not None and not packet.is_discard:
+            self.packets[packet.pts] = self._places, packet
+            self._places += 1
+
+    def comes_out(self, pts: int | None) -> "tuple[int, Packet | None, int]":
+        """The place of a picture's packet (-1 without one) and the packet; and how many it has overtaken, which never
+        become one."""
+        if pts not in self.packets:
+            return -1, None, 0
+        place, own = self.packets.pop(pts)
+        overtaken = [other for other in self.packets if other < pts]
+        for other in overtaken:
+            del self.packets[other]
+        return place, own, len(overtaken)
+
+    def hold(self, place: int, item: _Item) -> None:
+        """One that is to be shown."""
+        self._held.append((place, item))
+
+    def ready(self) -> Iterator[_Item]:
+        """Those that need not wait any more."""
+        oldest = next(iter(self.packets.values()))[0] if self.packets else self._places
+        while self._held and self._held[0][0] < oldest:
+            yield self._held.popleft()[1]
+
+    def rest(self) -> Iterator[_Item]:
+        """What is held at the end."""
+        while self._held:
+            yield self._held.popleft()[1]
 
 
 def set_up_decoder(context: VideoCodecContext, careful: bool) -> VideoCodecContext:

@@ -12,7 +12,6 @@ the clock falls back by more than a second it was restarted, and everything afte
 import itertools
 import os
 import re
-from collections import deque
 from collections.abc import Generator, Iterator
 from fractions import Fraction
 from functools import cached_property
@@ -30,7 +29,15 @@ from spheremcap.core.time import NS_PER_S, parse_time_ns, ticks_to_ns
 from spheremcap.errors import SourceError, short
 from spheremcap.io.annex_b import CODECS, AnnexB, Packet
 from spheremcap.io.input_file import checked_input
-from spheremcap.io.picture import LARGEST_PX, Damaged, DecodedPictures, Shown, decoded_once_more, set_up_decoder
+from spheremcap.io.picture import (
+    LARGEST_PX,
+    Damaged,
+    DecodedPictures,
+    HeldBack,
+    Shown,
+    decoded_once_more,
+    set_up_decoder,
+)
 from spheremcap.io.source import Losses
 
 StartTimeSource = Literal["start-time", "creation-time", "zero"]
@@ -200,10 +207,9 @@ class VideoSource:
         self.lost = lost = Losses()
         container, stream = self._container, self._stream
         reader = container.demux(stream)
-        waiting: dict[int, tuple[int, Packet]] = {}  # with its place in the stream
-        held: deque[tuple[int, _Decoded]] = deque()
+        held = HeldBack[_Decoded]()
         last: tuple[int, bool] | None = None  # time stamp of the latest packet, and whether it is cut short
-        errors = pictures_out = packets = 0
+        errors = pictures_out = 0
         one_to_one = self.codec not in INVISIBLE_PICTURES
         shown = Shown(self.codec)
         ended = False
@@ -218,11 +224,9 @@ class VideoSource:
                 ended = True
             if packet.size and packet.pts is not None:
                 last = max(last or (packet.pts, False), (packet.pts, packet.is_corrupt))
-                if not packet.is_discard:
-                    waiting[packet.pts] = packets, packet
-                    packets += 1
                 if packet.is_keyframe:
                     shown.key(packet.pts)
+            held.goes_in(packet)
             try:
                 pictures = stream.codec_context.decode(packet if packet.size else None)
             except (av.FFmpegError, ValueError, MemoryError) as error:
@@ -237,23 +241,16 @@ class VideoSource:
                     shown.damaged()
                 pictures_out += 1
                 one_to_one = one_to_one and not picture.interlaced_frame
-                place, own = -1, None
-                if picture.pts in waiting:
-                    place, own = waiting.pop(picture.pts)
-                    overtaken = [pts for pts in waiting if pts < picture.pts]
-                    for pts in overtaken:
-                        del waiting[pts]
-                    lost.undecodable += len(overtaken) if one_to_one else 0
-                if shown(picture.pts if picture.pts is not None else packets):
-                    held.append((place, (picture, own)))
+                place, own, overtaken = held.comes_out(picture.pts)
+                lost.undecodable += overtaken if one_to_one else 0
+                if shown(picture.pts if picture.pts is not None else pictures_out):
+                    held.hold(place, (picture, own))
                 else:
                     lost.miss("damaged, or made from a damaged one")
-                oldest = next(iter(waiting.values()))[0] if waiting else packets
-                while held and held[0][0] < oldest:
-                    yield held.popleft()[1]
-        yield from (decoded for _, decoded in held)
+                yield from held.ready()
+        yield from held.rest()
         if one_to_one:
-            lost.undecodable += len(waiting)
+            lost.undecodable += len(held.packets)
         lost.undecodable = max(lost.undecodable, errors)
         lost.stopped = lost.stopped or _cut_short(self.path, container, stream, last, pictures_out)
 

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from spheremcap.core.frame import Frame
 from spheremcap.core.time import NS_PER_S, ticks_to_ns
 from spheremcap.io.annex_b import Packet
-from spheremcap.io.picture import UNCONCEALED, Damaged, decoded_once_more
+from spheremcap.io.picture import UNCONCEALED, Damaged, HeldBack, decoded_once_more
 from spheremcap.io.video import END_OF_TIME_NS, INVISIBLE_PICTURES, VideoSource, open_video
 
 _Ints = npt.NDArray[np.int64]
@@ -209,8 +209,10 @@ class PacketIndex:
             if careful and self._source.codec in UNCONCEALED:
                 raise NotAsIndexed  # some of its pictures are not shown
             file = _File(self._source.path, careful) if careful else self._file
+            held = HeldBack[tuple[av.VideoFrame, bool]]()
             try:
                 for packet in self._packets_from(group, file):
+                    held.goes_in(packet)
                     try:
                         pictures = file.stream.codec_context.decode(packet if packet.size else None)
                     except (av.FFmpegError, ValueError, MemoryError):
@@ -218,7 +220,10 @@ class PacketIndex:
                     for picture in pictures:
                         if picture.is_corrupt and not careful:
                             raise Damaged
-                        yield picture, careful
+                        place, _, _ = held.comes_out(picture.pts)
+                        held.hold(place, (picture, careful))
+                        yield from held.ready()
+                yield from held.rest()
             finally:
                 if careful:
                     file.close()
