@@ -26,7 +26,7 @@ from spheremcap.io import _pb
 from spheremcap.io.export import export_recording
 from spheremcap.io.mcap_log import McapLog
 from spheremcap.season import tables
-from spheremcap.season.outcome import RECORDING, RUN, TABLES, write_outcome, write_season
+from spheremcap.season.outcome import RECORDING, RUN, TABLES, read_outcome, write_outcome, write_season
 from spheremcap.season.tables import season_tables, write_session_tables
 
 COUNT = 20
@@ -346,6 +346,23 @@ def test_tables_that_are_not_there_or_damaged_are_made_again(out, tmp_path, dama
     assert report.lost == []
     assert files(tmp_path / "season") == files(tmp_path / "whole")
     assert files(out) == before
+
+
+@pytest.mark.parametrize("what", [RECORDING, f"{TABLES}/poses.parquet"])
+def test_a_file_of_another_size_than_was_made_is_noticed(out, tmp_path, what):
+    folder = out / "b_run"
+    told = read_outcome(folder)
+    sizes = {name: (folder / name).stat().st_size for name in (RECORDING, f"{TABLES}/poses.parquet")}
+    write_outcome(folder, told.model_copy(update={"files": sizes}))
+    assert made(out, tmp_path / "before").notes == []
+    write_outcome(folder, told.model_copy(update={"files": sizes | {what: 5}}))
+    report = made(out, tmp_path / "season")
+    if what == RECORDING:
+        assert report.lost == ["b_run: its recording is not what it was: run it again"]
+    else:
+        assert report.made_again == ["b_run"]
+    (folder / RECORDING).unlink()
+    assert any("b_run" in line for line in made(out, tmp_path / "gone").lost)
 
 
 def test_a_session_whose_tables_cannot_be_had_is_named(out, tmp_path):

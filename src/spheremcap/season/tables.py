@@ -3,7 +3,7 @@
 import os
 import shutil
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from glob import escape
 from pathlib import Path
@@ -251,12 +251,14 @@ def _taken(folder: Path, part: Path, report: SeasonReport) -> Outcome | None:
         return None
     if outcome.status == "failed":
         return outcome
-    found, again = _tables_in(folder / TABLES, outcome), part / ".again"
+    found, again = _tables_in(folder / TABLES, outcome, outcome.files), part / ".again"
+    if (size := outcome.files.get(RECORDING)) is not None and size != _size(folder / RECORDING):
+        report.lost.append(f"{folder.name}: its recording is not what it was: run it again")
     try:
         if found is None:
             again.mkdir()
             damage = write_session_tables(folder / RECORDING, again, outcome)
-            found = _tables_in(again, outcome)
+            found = _tables_in(again, outcome, {})
             if found is None:
                 raise SourceError(f"{folder / RECORDING}: has no strokes, and {RUN} says that it has")
             report.made_again.append(folder.name)
@@ -278,8 +280,9 @@ def _taken(folder: Path, part: Path, report: SeasonReport) -> Outcome | None:
     return outcome
 
 
-def _tables_in(folder: Path, outcome: Outcome) -> dict[str, Path] | None:
-    """A session's tables; None where one is missing that should be there, cannot be read or has other columns."""
+def _tables_in(folder: Path, outcome: Outcome, sizes: Mapping[str, int]) -> dict[str, Path] | None:
+    """A session's tables; None where one is missing that should be there, cannot be read, or is another one than was
+    made."""
     pa, pq = tables.arrow()
     found = {}
     for table, columns in _kinds().items():
@@ -287,12 +290,22 @@ def _tables_in(folder: Path, outcome: Outcome) -> dict[str, Path] | None:
         if table in (STROKES, EVENTS) and not outcome.strokes and not path.exists():
             continue
         try:
+            size = path.stat().st_size
+            if sizes.get(f"{TABLES}/{path.name}", size) != size:
+                return None
             if pq.read_schema(path) != tables.parquet_schema(columns):
                 return None
         except (OSError, pa.ArrowException):
             return None
         found[table] = path
     return found
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
 
 
 def _link(path: Path, place: Path) -> None:
