@@ -1648,7 +1648,7 @@ FAULTS = (
     ),
     Fault(
         783, "season: what the tracking lost is forgotten when it is taken up", "season/session.py",
-        "self._reported(recorded.lost, recorded.notes, False)", "self._reported([], recorded.notes, False)", (SEASON,),
+        "self._reported(recorded.lost, (*recorded", "self._reported([], (*recorded", (SEASON,),
     ),
     Fault(
         784, "season: not analysed as was wanted, and done", "season/session.py",

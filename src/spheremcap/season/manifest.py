@@ -134,7 +134,7 @@ class _Row(Values):
     @classmethod
     def _a_folder(cls, name: str | None) -> str | None:
         if name is not None and (not re.fullmatch(NAME, name) or name == SEASON):
-            raise ValueError(f"expected letters, digits, - _ and ., at most 100, and not {SEASON}; found {name!r}")
+            raise ValueError(f"expected letters, digits, - _ and ., at most 100, and not {SEASON}")
         return name
 
     @field_validator("video")
