@@ -1678,7 +1678,7 @@ FAULTS = (
     ),
     Fault(
         790, "season: once a session has stopped, nobody is asked any more", "season/run.py",
-        "if not asked and stop():", "if not stopped and stop():", (SEASON_RUN,),
+        "if not asked and stop():", "if not stopped and stop():", (SEASON,),
     ),
     Fault(
         791, "season: an address is another one once it was read", "season/addresses.py",

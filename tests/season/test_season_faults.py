@@ -731,9 +731,15 @@ def test_what_a_killed_run_left_to_stop_others_is_taken_away(tmp_path):
     assert (old.exists(), new.exists()) == (False, True)
 
 
-def test_who_stops_a_run_leaves_a_file_for_those_at_work_and_takes_it_away(tmp_path):
+@pytest.mark.parametrize("before", [False, True])
+def test_who_stops_a_run_leaves_a_file_for_those_at_work_and_takes_it_away(tmp_path, before):
+    """Also where a session was ended by somebody before."""
+
     def submit(of: Plan, folder: Path, stop_file: Path) -> "Future[Outcome | None]":
         future: Future[Outcome | None] = Future()
+        if of.name == "ended":
+            future.set_result(None)
+            return future
 
         def work() -> None:
             until = time.monotonic() + 20
@@ -744,7 +750,11 @@ def test_who_stops_a_run_leaves_a_file_for_those_at_work_and_takes_it_away(tmp_p
         threading.Thread(target=work).start()
         return future
 
-    done = run_season(Season(name="s", plans=(plan("a"),)), [plan("a")], tmp_path / "out", submit, stop=lambda: True)
+    plans = [plan("a"), *([plan("ended")] if before else [])]
+    asked = iter([False])
+    done = run_season(
+        Season(name="s", plans=tuple(plans)), plans, tmp_path / "out", submit, stop=lambda: next(asked, True)
+    )
     assert done.stopped
     assert done.outcomes == {}
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["season.json"]
