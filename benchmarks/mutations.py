@@ -186,7 +186,8 @@ FAULTS = (
     ),
     Fault(
         107, "chain: misses never end", "chain.py",
-        "claim.circle, 0\n        stages.verifier", "claim.circle, self.misses\n        stages.verifier", (DECISIONS,),
+        "stages, circle, self.misses = self._stages, claim.circle, 0", "stages, circle = self._stages, claim.circle",
+        (DECISIONS,),
     ),
     Fault(
         108, "chain: a marker found again teaches as before it was lost", "chain.py",
@@ -449,7 +450,7 @@ FAULTS = (
     ),
     Fault(
         223, "chain: a lost marker is never asked to be confirmed", "chain.py",
-        "found = self._stages.reacquired.confirmed(elsewhere, self.whereabouts.circle)", "found = elsewhere",
+        "found = self._stages.reacquired.confirmed(elsewhere)", "found = elsewhere",
         (DECISIONS,),
     ),
     Fault(
@@ -1426,7 +1427,7 @@ FAULTS = (
     ),
     Fault(
         728, "contrast: of the disc to itself", "detection/appearance.py",
-        "np.linalg.norm(lab[ring] - own, axis=1)", "np.linalg.norm(lab[inside] - own, axis=1)", (SNAP,),
+        "np.median(lab[inside], axis=0), lab[ring]", "np.median(lab[inside], axis=0), lab[inside]", (SNAP,),
     ),
     Fault(
         729, "track --auto: what is missing is not said", "api.py",
@@ -1739,12 +1740,12 @@ FAULTS = (
     ),
     Fault(
         805, "init --add: a log is two sessions'", "season/proposed.py",
-        "for sensor in session.sensors if real_path(sensor.path) not in merged)", "for sensor in session.sensors)",
+        "for sensor in session.sensors if sensor.path not in others)", "for sensor in session.sensors)",
         (FINDING,),
     ),
     Fault(
         806, "init --add: logs that came later are passed over", "season/proposed.py",
-        "more = [log for log, there in logs.items() if not there]", "more = []", (FINDING,),
+        "for s in session.sensors if real_path(s.path) not in merged]", "for s in ()]", (FINDING,),
     ),
     Fault(
         807, "init: an input may be written over", "cli/dataset.py",

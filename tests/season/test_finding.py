@@ -767,6 +767,13 @@ def test_sensors_that_all_sessions_have_stay_with_what_is_found(tmp_path, clips)
     told = {plan.name: [sensor.name for sensor in plan.sensors] for plan in season.plans}
     assert told == {"a": ["rim", "weather"], "b_b": ["rim", "imu", "all"]}
     assert manifest.read_text().count("sensors") == 2
+    clips(here / "c.mp4")
+    put(tmp_path / "videos/c_all.csv")
+    put(manifest, manifest.read_text().replace("weather=all.csv", "weather=videos/c_all.csv"))
+    new, season = added(here, manifest)
+    assert new.sessions[0].notes == ()  # all sessions have that one
+    assert season.plans[-1].name == "c"
+    assert [Path(sensor.path).name for sensor in season.plans[-1].sensors] == ["c_all.csv"]
 
 
 def test_videos_that_the_manifest_names_otherwise_are_not_added_again(tmp_path, clips):

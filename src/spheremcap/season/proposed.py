@@ -78,19 +78,21 @@ def not_yet_in(manifest: Path, season: Season, found: Finding, folder: Path) -> 
     names = {plan.name for plan in season.plans}
     new, notes = [], list(found.notes)
     for session in found.sessions:
-        logs = {written(sensor.path, base): real_path(sensor.path) in merged for sensor in session.sensors}
         if known := [owner[video] for path in session.videos if (video := real_path(path)) in owner]:
             if {real_path(path) for path in session.videos} - owner.keys():
                 order = ", ".join(quoted(written(path, base)) for path in session.videos)
                 notes.append(f"{known[0]}: its recording has more chapters now: video = [{order}]")
             elif len(set(known)) > 1:
                 notes.append(f"{', '.join(sorted(set(known)))}: chapters of one recording, but sessions of their own")
-            more = [log for log, there in logs.items() if not there]
+            more = [written(s.path, base) for s in session.sensors if real_path(s.path) not in merged]
             notes += [f"{known[0]}: not in its sensors: {', '.join(more)}"] if more else []
         else:
             names.add(name := free(session.name, names))
-            told = tuple(f"{log} is another session's already" for log, there in logs.items() if there)
-            sensors = tuple(sensor for sensor in session.sensors if real_path(sensor.path) not in merged)
+            others = merged - set(_general_logs(general(name), Place(base, str(session.videos[0]), name)))
+            told = [
+                f"{written(s.path, base)} is another session's already" for s in session.sensors if s.path in others
+            ]
+            sensors = tuple(sensor for sensor in session.sensors if sensor.path not in others)
             own = replace(session, name=name, sensors=sensors, notes=(*session.notes, *told))
             new.append(_with(general(name), own, base, real_path(folder)))
     leftovers = tuple(left for left in found.leftovers if real_path(left.path) not in merged)
@@ -129,6 +131,11 @@ def added_text(found: Finding, manifest: Path, folder: Path) -> str:
             f"{manifest}: nothing can be added to it ({error}): begin each session with [[sessions]]"
         ) from error
     return "\ufeff" * manifest.read_bytes().startswith(_BOM) + whole
+
+
+def _general_logs(said: Mapping[str, Any], place: Place) -> list[Path]:
+    """The logs of a session that are merged without its naming them, links followed."""
+    return [real_path(Path(sensor.path)) for sensor in sensors_in(listed(said.get("sensors", ())), place)[0]]
 
 
 def _files(path: str) -> list[Path]:
@@ -197,7 +204,7 @@ def _goes_without(kind: str, path: Path, place: Place, root: Path, said: Mapping
 
 def _sensor_lines(session: Found, base: Path, place: Place, said: Mapping[str, Any]) -> list[str]:
     sensors = [(_sensor_text(sensor, session.videos[0].stem, base), sensor) for sensor in session.sensors]
-    general = [real_path(Path(s.path)) for s in sensors_in(listed(said.get("sensors", ())), place)[0]]
+    general = _general_logs(said, place)
     lines = []
     if general and {sensor.path for sensor in session.sensors} <= set(general):
         pass  # all of it is said already
