@@ -1740,7 +1740,7 @@ FAULTS = (
     ),
     Fault(
         805, "init --add: a log is two sessions'", "season/proposed.py",
-        "for sensor in session.sensors if sensor.path not in others)", "for sensor in session.sensors)",
+        " if real_path(sensor.path) not in others)", ")",
         (FINDING,),
     ),
     Fault(

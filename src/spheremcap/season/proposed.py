@@ -89,12 +89,10 @@ def not_yet_in(manifest: Path, season: Season, found: Finding, folder: Path) -> 
         else:
             names.add(name := free(session.name, names))
             others = merged - set(_general_logs(general(name), Place(base, str(session.videos[0]), name)))
-            told = [
-                f"{written(s.path, base)} is another session's already" for s in session.sensors if s.path in others
-            ]
-            sensors = tuple(sensor for sensor in session.sensors if sensor.path not in others)
-            own = replace(session, name=name, sensors=sensors, notes=(*session.notes, *told))
-            new.append(_with(general(name), own, base, real_path(folder)))
+            own = tuple(sensor for sensor in session.sensors if real_path(sensor.path) not in others)
+            told = [f"{written(s.path, base)} is another session's already" for s in session.sensors if s not in own]
+            alone = replace(session, name=name, sensors=own, notes=(*session.notes, *told))
+            new.append(_with(general(name), alone, base, real_path(folder)))
     leftovers = tuple(left for left in found.leftovers if real_path(left.path) not in merged)
     return Finding(tuple(new), leftovers, tuple(notes))
 
